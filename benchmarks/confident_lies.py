@@ -28,9 +28,9 @@ from flights import NOMINALS, at_rate, run_jobs
 from launchid.diagnosis.answer import report
 from launchid.diagnosis.estimate import information
 from launchid.diagnosis.verdict import diagnose
-from launchid.identification.window_validation import withdrawn
 from launchid.identification.windows import onboard_model, run
 from launchid.log.log import read_log, write_flight
+from launchid.weakform.windows import withdrawn
 from launchid_core import Config, EstimateStatus
 from sim.effects import Effect, from_text
 from sim.flight import fly_whole, parameters

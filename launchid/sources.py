@@ -68,6 +68,8 @@ def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
         return log_of(source.measured(), source.path, required)
     if isinstance(source, (str, os.PathLike)):
         as_path(source)
+        from launchid.convert.readers import refuse_foreign
+        refuse_foreign(os.fspath(source))
         return read_file(os.fspath(source), required)
     if isinstance(source, WithLog) and isinstance(source.log, Log):
         return source.log

@@ -16,7 +16,7 @@ from .version import VERSION
 if TYPE_CHECKING:
     from .algebra.library import LIBRARIES, function_value, parse_term, polynomial, term_name
     from .cache import cache_folder
-    from .config import Config
+    from .config import MAX_ROWS, Config
     from .estimate import Change, Estimate, Level, Tracked, Uncertainty
     from .estimator import Estimator
     from .kernels import compiled
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 __version__ = VERSION
 
-__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "NOISE_LEVELS", "SLOWEST", "SOLVERS", "Change", "Config",
-           "Estimate", "EstimateStatus", "Estimator", "Level", "Model", "Port", "Sample", "Status",
+__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "MAX_ROWS", "NOISE_LEVELS", "SLOWEST", "SOLVERS",
+           "Change", "Config", "Estimate", "EstimateStatus", "Estimator", "Level", "Model", "Port", "Sample", "Status",
            "Tracked", "Uncertainty", "__version__", "cache_folder", "compile_listeners", "compiled", "function_value",
            "parse_term", "polynomial", "port_of", "precompile", "term_name"]
 

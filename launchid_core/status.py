@@ -31,3 +31,4 @@ class EstimateStatus(IntEnum):
     MODEL = 7            # the innovations contradict the model: numbers would lie
     SEPARATION = 8       # a6 and k1 cannot be told apart: only a combination is known
     STUCK = 9            # a sensor stood still while what it measures moved
+    UNCHECKED = 10       # of logs, never in flight: what the numbers rest on could not be tested

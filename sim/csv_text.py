@@ -21,7 +21,15 @@ KINDS = (  # first bytes -> what such a file is, and what to do with it; the fir
     (b"\xd0\xcf\x11\xe0", "a spreadsheet or document; save the sheet as CSV"),
     (b"\x89PNG", "a picture"), (b"\xff\xd8\xff", "a picture"), (b"GIF8", "a picture"), (b"%PDF-", "a PDF"),
     (b"SQLite format 3\x00", "an SQLite database; export the table as CSV"), (b"\x7fELF", "a program"),
+    (b"\x93NUMPY", "a numpy array; write it with numpy.savetxt, or hand it over from Python"),
+    (b"ARROW1", "a Feather (Arrow) file; write it as Parquet or CSV"),
+    (b"PAR1", "a Parquet file; read it with --map MAP.toml"),
+    (b"#ROSBAG V2.0", "a ROS 1 bag; turn it into MCAP (rosbags-convert), which --map reads"),
+    (b"H Product:Blackbox", "a Blackbox log; decode it with blackbox_decode, whose CSV --map reads"),
     (b"<?xml", "XML"), (b"<!DOCTYPE", "a web page"), (b"<html", "a web page"))
+
+
+TLOG = (b"\xfe", b"\xfd")   # a MAVLink packet's first byte, behind a stamp of eight
 
 
 class TextOptions(TypedDict):
@@ -87,6 +95,9 @@ class Lines:
         for magic, what in KINDS:
             if first.startswith(magic):
                 raise InputError(f"{self.path}: this is {what}; expected a UTF-8 CSV file")
+        if first[:1] == b"\x00" and first[8:9] in TLOG:
+            raise InputError(f"{self.path}: this is a MAVLink telemetry log (tlog); decode it with mavlogdump; "
+                             "expected a UTF-8 CSV file")
         if "\0" in line:
             raise InputError(f"{self.path}: line 1: a NUL character, as UTF-16 and binary files have; expected a UTF-8 "
                              "CSV file")

@@ -43,8 +43,11 @@ def template(name: str, values: dict[str, object]) -> str:
     return Template(text).substitute(values) if values else text
 
 
+OF_LOGS = ("UNCHECKED",)   # statuses that no flight has
+
+
 def _enumeration(names: type[Status] | type[EstimateStatus]) -> str:
-    return "\n".join(f"    LAUNCHID_{each.name} = {each.value}," for each in names)
+    return "\n".join(f"    LAUNCHID_{each.name} = {each.value}," for each in names if each.name not in OF_LOGS)
 
 
 class _Program:

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from sim.errors import InputError, UsageError
+from sim.errors import UsageError
 from sim.files import check_folder, check_output, write_text
 
 from ..progress import report
@@ -64,6 +64,7 @@ def read_noting(path: str, *required: str, map_path: str | None = None) -> "Log"
         converted = convert(path, load_map(map_path), required or REQUIRED)
         warn(converted)
         return converted.log
+    from ..convert.readers import refuse_foreign
     refuse_foreign(path)
     log = read_log(path, required or REQUIRED)
     if log.ignored:
@@ -78,13 +79,6 @@ def read_nominal(path: str) -> "Nominal":
     if warning := wrong_feedback(nominal):
         say(warning)
     return nominal
-
-
-def refuse_foreign(path: str) -> None:
-    """Refuse a file of another format than a log's."""
-    from ..convert.readers import foreign_format
-    if foreign := foreign_format(path):
-        raise InputError(f"{path}: a file of the format {foreign}; expected --map MAP.toml, or a CSV log")
 
 
 def check_plot(path: str | None) -> None:

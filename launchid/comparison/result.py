@@ -8,20 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sim.errors import UsageError
 from sim.nominal import Nominal
 from sim.result import Columns
 
-from ..log.check import data_warnings
-from ..log.detect import DataCheck, check
+from ..log.detect import DataCheck
 from ..log.log import Log
-from ..log.turns import unwrapped
-from ..progress import Counter
 from ..results.answer import Answer, flat
-from .dispersion import FLIGHTS, Dispersed, dispersed
-from .flown import CHANNELS, LATEST, flown
-from .frequency_response import COHERENT, Response, frequency_responses
-from .prediction import HORIZONS, Predictions, predictions
+from .dispersion import Dispersed
+from .flown import CHANNELS
+from .frequency_response import COHERENT, Response
+from .prediction import HORIZONS, Predictions
 from .statistics import NONE, Statistics, statistics
 
 if TYPE_CHECKING:
@@ -129,29 +125,6 @@ class Comparison(Answer):
         """report.html, compare.json and the figures."""
         from .page import write_comparison
         write_comparison(self, folder)
-
-
-def compare(log: Log, nominals: Sequence[Nominal], *, flights: int = FLIGHTS, strict: bool = False) -> Comparison:
-    """Hold a log beside nominals; `flights` dispersed ones of each, 0: none."""
-    if not nominals:
-        raise UsageError("compare: expected at least one nominal")
-    log.check_clock()
-    log = unwrapped(log)[0]
-    said: tuple[str, ...] = ()
-    made = []
-    count = Counter(flights * len(nominals), "flights with the dispersions")
-    for label, nominal in zip(labels(nominals), nominals, strict=True):
-        said += data_warnings(log, nominal, strict)
-        data = check(log, nominal)
-        clean = masked(log, data)
-        made.append(Beside(label, nominal, predictions(log, nominal, data), flown(clean, nominal),
-                           dispersed(clean, nominal, flights, count) if flights > 0 else None,
-                           frequency_responses(clean, nominal)))
-    t = log.t[np.isfinite(log.t)]
-    if not 0.0 <= t.min() <= LATEST and any(each.nominal.controller is not None for each in made):
-        said += (f"{log.path}: begins at {t.min():g} s; flights of a nominal begin at 0 s, so none is flown beside it",)
-    clean = masked(log, check(log, nominals[0]))
-    return Comparison(clean, made, report(clean, made), tuple(dict.fromkeys(said)))
 
 
 def labels(nominals: Sequence[Nominal]) -> list[str]:

@@ -19,6 +19,7 @@ import numpy as np
 from sim.errors import InputError
 
 from ..log.log import Log, log_of
+from ..log.turns import continuous
 from .channels import NOT_ASKED, Channels
 from .mapping import AXES, TIME_UNITS, Map, Source
 from .readers import read_channels
@@ -152,21 +153,11 @@ def sampled(path: str, channels: Mapping[str, np.ndarray], mapping: Map, source:
         stamps = stamps.astype(np.int64)  # so that one before the first is negative
     column = source.factor * (source.scale * raw + source.offset)
     if source.axis is None and source.column in ATTITUDES:
-        column, jumps = _without_jumps(column)
-        if jumps and notes is not None:
-            notes.append(f"{path}: {source.column}: {jumps} jump{'s' * (jumps > 1)} of a turn (an attitude of 0 to 360 "
-                         "degrees) taken out")
+        column, rows = continuous(column)
+        if len(rows) and notes is not None:
+            notes.append(f"{path}: {source.column}: {len(rows)} jump{'s' * (len(rows) > 1)} of a turn (an attitude of "
+                         "0 to 360 degrees) taken out")
     return stamps, column
-
-
-def _without_jumps(angle: np.ndarray) -> tuple[np.ndarray, int]:
-    """An angle [rad] (n,), continuous where it jumps by more than half a turn, and how often it did."""
-    fair = np.isfinite(angle)
-    jumps = int(np.count_nonzero(np.abs(np.diff(angle[fair])) > math.pi))
-    if jumps:
-        angle = angle.copy()
-        angle[fair] = np.unwrap(angle[fair])
-    return angle, jumps
 
 
 def _other_turns(path: str, source: Source, axis: int, q: np.ndarray) -> list[str]:

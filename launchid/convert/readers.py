@@ -270,3 +270,9 @@ def foreign_format(path: str) -> str | None:
     except OSError:
         return None
     return next((name for magic, name, _ in FORMATS if magic(first)), None)
+
+
+def refuse_foreign(path: str) -> None:
+    """Refuse a file of another format than a log's."""
+    if foreign := foreign_format(path):
+        raise InputError(f"{path}: a file of the format {foreign}; expected --map MAP.toml, or a CSV log")

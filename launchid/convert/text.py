@@ -29,6 +29,7 @@ DELIMITERS = (",", ";", "\t", "|", BLANKS)
 POINTS = (".", ",")
 COMMENT = "#%"        # before a header, as numpy.savetxt and MATLAB write it
 EPOCH = datetime(1970, 1, 1)
+LONG_NAMES = 64          # channels, at most, of a table that has one value a row
 MICROSECOND = 1000    # ns, the resolution of a date in text
 PLAIN = re.compile(r"-?[0-9]+(\.[0-9]+)?(e-?[0-9]{1,3})?").fullmatch
 NO_DATE = int(np.iinfo(np.int64).min)   # numpy's NaT
@@ -41,6 +42,7 @@ class Layout:
     names   of its columns
     header  the place of its header among the file's lines; None: it has none
     first   the place of its first row
+    is_commented   comments stand before its rows; such lines between them are no rows
     """
 
     names: list[str]
@@ -48,6 +50,7 @@ class Layout:
     first: int
     delimiter: str
     decimal: str
+    is_commented: bool = False
 
 
 def read_text(path: str, options: dict[str, Any], wanted: Wanted) -> Channels:
@@ -64,12 +67,17 @@ def read_text(path: str, options: dict[str, Any], wanted: Wanted) -> Channels:
         layout = _layout(path, head, options, wanted)
         channels = Channels()
         channels.notes += _left_out(path, head, layout, options)
+        _refuse_long(path, head, layout, wanted)
         asked = _asked(path, layout, wanted)
         channels.unread.update({name: NOT_ASKED for k, name in enumerate(layout.names) if k not in asked})
-        first = [cells_of(line, layout.delimiter) for line in head[layout.first:]]
+        first = [cells_of(line, layout.delimiter) for line in head[layout.first:]
+                 if not (layout.is_commented and is_comment(line))]
         readers = {k: _reader([row[k] for row in first if len(row) > k and row[k]], layout, options, name)
                    for k, name in asked.items()}
-        table = _table(path, layout, _numbered(lines, head, layout.first), readers)
+        comments = itertools.count()
+        table = _table(path, layout, _numbered(lines, head, layout, comments), readers)
+        if skipped := next(comments):
+            channels.notes.append(f"{path}: {skipped} comment line{'s' * (skipped > 1)} between the rows left out")
     for k, name in asked.items():
         if readers[k].count:
             channels.take(name, table[f"f{k}"], None)
@@ -178,10 +186,16 @@ def _layout(path: str, head: list[str], options: dict[str, Any], wanted: Wanted)
     if header is None and line is None:
         header = _before(path, rows, head, first)
     names = [str(k) for k in range(rows.width)] if header is None else rows.names(header)
+    is_commented = any(map(is_comment, head[:first + 1]))
     if header is not None:  # units, say, stand between
-        first = next((k for k in range(header + 1, len(head)) if rows.numbers[k] or len(rows.cells[k]) not in
-                      (0, len(names))), header + 1)
-    return Layout(names, header, first, rows.delimiter, rows.decimal)
+        first = next((k for k in range(header + 1, len(head)) if not (is_commented and is_comment(head[k])) and
+                      (rows.numbers[k] or len(rows.cells[k]) not in (0, len(names)))), header + 1)
+    return Layout(names, header, first, rows.delimiter, rows.decimal, is_commented)
+
+
+def is_comment(line: str) -> bool:
+    """Whether a line is a comment as numpy.savetxt, MATLAB and OpenRocket write it."""
+    return line.lstrip()[:1] in COMMENT and line.strip() != ""
 
 
 def _named(rows: _Rows, head: list[str], wanted: Wanted) -> int | None:
@@ -201,8 +215,10 @@ def _before(path: str, rows: _Rows, head: list[str], first: int) -> int | None:
         header = above.pop()
     if header is not None:
         return header
-    if above and head[above[-1]].lstrip()[0] in COMMENT and len(rows.names(above[-1])) == rows.width:
-        return above[-1]
+    comments = itertools.takewhile(lambda k: is_comment(head[k]), reversed(above))  # events, say, stand below it
+    header = next((k for k in comments if len(rows.names(k)) == rows.width), None)
+    if header is not None:
+        return header
     above = [k for k in above if head[k].lstrip()[0] not in COMMENT]
     if above:
         k = above[-1]
@@ -225,6 +241,20 @@ def _left_out(path: str, head: list[str], layout: Layout, options: dict[str, Any
         yield f"{path}: the first row is numbers and no header: the columns are called 0 to {len(layout.names) - 1}"
     if layout.decimal != "." and "decimal" not in options:
         yield f"{path}: its numbers seem to have decimal commas and are read so"
+
+
+def _refuse_long(path: str, head: list[str], layout: Layout, wanted: Wanted) -> None:
+    """InputError for a table that has one value a row, and the channel's name beside it: a column of names."""
+    lines = (cells_of(line, layout.delimiter) for line in head[layout.first:])
+    rows = [cells for cells in lines if len(cells) == len(layout.names)]
+    for k, name in enumerate(layout.names):
+        held = {row[k] for row in rows}
+        few = 1 < len(held) <= LONG_NAMES and len(layout.names) == 3 and len(rows) > 4 * len(held)
+        is_text = all(number(cell) is None for cell in held)
+        if is_text and (few if wanted is None else held & (wanted - set(layout.names))):
+            raise InputError(f"{path}: a long table: each row holds one value, and column {shown(name)} says of which "
+                             f"channel ({', '.join(sorted(held)[:3])}, ...); expected a column for each channel: pivot "
+                             "the table first")
 
 
 def _asked(path: str, layout: Layout, wanted: Wanted) -> dict[int, str]:
@@ -324,11 +354,14 @@ def _check_quotes(path: str, delimiter: str) -> None:
             pass
 
 
-def _numbered(lines: Lines, head: list[str], first: int) -> Iterator[tuple[int, str]]:
-    """The lines from `first` on, with their numbers."""
-    yield from enumerate(head[first:], first + 1)
-    for line in lines:
-        yield lines.number, line
+def _numbered(lines: Lines, head: list[str], layout: Layout, comments: Iterator[int]) -> Iterator[tuple[int, str]]:
+    """The lines of the table, with their numbers; `comments` is advanced by one for each that is left out."""
+    after = ((lines.number, line) for line in lines)
+    for place, line in itertools.chain(enumerate(head[layout.first:], layout.first + 1), after):
+        if layout.is_commented and is_comment(line):
+            next(comments)
+        else:
+            yield place, line
 
 
 def _table(path: str, layout: Layout, lines: Iterator[tuple[int, str]], readers: dict[int, _Numbers]) -> np.ndarray:

@@ -18,7 +18,7 @@ from sim.flight import packed
 from sim.nominal import Nominal
 from sim.sections import Actuator
 
-from ..identification.weak_form import column
+from ..weakform.rows import column
 from .adapter import Track
 
 DIFFERS = 1e-12   # from the neutral value

@@ -11,6 +11,7 @@ from sim.flight import Flight, dispersion, fly_whole, parameters
 from sim.nominal import Nominal, Profile, built_in, load_nominal
 
 from ..identification.windows import identified, onboard_model, run
+from ..log.check import checked
 from ..log.log import flown_log
 from .cases import CASES, Case, Variant
 
@@ -78,7 +79,7 @@ def identify_flight(nominal: Nominal, case: Case, variant: Variant, flight: Flig
                     threshold=variant.threshold,
                     model=onboard_model(nominal) if variant.formulation == "filtered" else None)
     is_papers = variant == case.variants[0]
-    estimates = identified(config, flown_log(flight)).judged.estimates if is_papers else \
+    estimates = identified(config, checked(flown_log(flight))).judged.estimates if is_papers else \
         run(config, flight.rows())[0]
     support = np.array([term in case.support for term in config.terms])
     nodes = nominal.vehicle.t

@@ -12,11 +12,8 @@ from matplotlib.figure import Figure
 from sim.canvas import panels
 from sim.errors import InputError
 from sim.log_table import OPTIONAL, REQUIRED
-from sim.nominal import Nominal, constant_profile
-from sim.sections import Sensors
 
-from ..log.check import COLUMN_FAULTS, faults
-from ..log.detect import check
+from ..log.check import COLUMN_FAULTS, checked, columns_alone
 from ..log.fault import Fault
 from ..log.log import Log
 
@@ -46,12 +43,10 @@ class Looked:
 def looked_at(log: Log) -> Looked:
     """Return a log with what the data check finds in it without a nominal; its clock may be none."""
     try:
-        found, refused = faults(log, None), ""
-        period = log.period
-    except InputError as error:
-        found, refused, period = (), str(error), 1.0
-    data = check(log, Nominal(name="", vehicle=constant_profile(0.0, 0.0), sensors=Sensors(
-        period=period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0)))
+        seen = checked(log)
+        found, data, refused = seen.faults, seen.data, ""
+    except InputError as error:   # its clock is none
+        found, data, refused = (), columns_alone(log), str(error)
     doubted = {name: np.isfinite(getattr(log, name)) & ~mask for name, mask in data.masks.items()}
     return Looked(log, found or data.faults, doubted, refused)
 

@@ -7,12 +7,12 @@ import numpy as np
 
 from sim.errors import InputError
 
-from ..identification.input_delay import Lead, lead_of
-from ..identification.missing_terms import Lack, is_moved, lacks, question
-from ..identification.weak_form import Rows
-from ..log.check import data_warnings
+from ..log.check import checked
 from ..log.log import Log
 from ..log.rates import INTERPOLATED, rate_of
+from ..weakform.fit import gls
+from ..weakform.judge import FAST_THETA, Lack, Lead, against, question
+from ..weakform.rows import term_modes
 from . import filter as fl
 from . import weak
 from .channels import Channels, channels
@@ -20,6 +20,7 @@ from .model import command, run
 from .scoring import Fitted, fit
 from .search import Found, is_held, search
 
+WRONG = 2.0            # standard deviations of a number that no vehicle has
 SURE = 3.0             # standard deviations from 0, without which there is no k1
 ALIKE = 0.99           # |correlation| of a6 and k1 beyond which only a combination is known,
 VAGUE = 0.3            # if both are known no better than this, relative
@@ -71,8 +72,8 @@ class First:
 def first(log: Log) -> First:
     """The vehicle's numbers from the log.  InputError where it has not the columns, the rows or the motion, or where a
     column is of another quantity than its name says: a nominal holds what it is fed."""
-    data_warnings(log, None, strict=False, refuse_columns=True)
-    c = channels(log)
+    seen = checked(log, refuse_columns=True)
+    log, c = seen.log, channels(seen.log)
     moving = c.theta if c.has("theta") else c.theta_dot
     if np.nanmax(moving) == np.nanmin(moving):
         raise InputError(f"{c.path}: column {'theta' if c.has('theta') else 'theta_dot'}: the same value in every row; "
@@ -256,29 +257,43 @@ def reasons(numbers: First, result: Found, c: Channels) -> list[str]:
     if not np.any(np.abs(numbers.k1) > SURE * numbers.k1_std):
         said.append(f"k1 cannot be determined: {numbers.k1.mean():.3g} +- {numbers.k1_std.mean():.2g} 1/s^2 may be 0; "
                     f"log a stretch in which {driver} moves more")
-    return said + lacking(numbers, result, driver) + unseparated(numbers, result)
+    return said + impossible(numbers, driver) + lacking(numbers, result, driver) + unseparated(numbers, result)
+
+
+def impossible(numbers: First, driver: str) -> list[str]:
+    """Numbers that no vehicle has, beyond WRONG of their deviations: an effect before its cause, a damping that
+    drives."""
+    said = []
+    if numbers.delay is not None and numbers.delay[0] < -WRONG * numbers.delay[1]:
+        said.append(f"{driver} follows the motion by {-1e3 * numbers.delay[0]:.0f} +- {1e3 * numbers.delay[1]:.1g} ms: "
+                    "it is no input of it, or its stamps are late")
+    value, std = numbers.terms.get("theta_dot", (0.0, 0.0))
+    if value > WRONG * std:
+        said.append(f"the rate damping comes out {value:.3g} +- {std:.2g} 1/s: of the wrong sign, no body's motion "
+                    f"drives itself; {driver} is filtered or late, or theta and theta_dot are")
+    return said
 
 
 def lacking(numbers: First, result: Found, driver: str) -> list[str]:
-    """The effects that the model lacks, by rows left out, where they are most of the error
-    or, of constant coefficients, would move them."""
+    """The judge's reasons against the model (`weakform.judge`): effects that it lacks, where they would move it."""
     m, model = result.motion, result.fitted.model
     a6, k1 = (x / x[np.argmax(np.abs(x))] if np.any(x) else np.ones(len(m.t)) for x in model.at(m.t))  # as they vary
     if model.sine:
         a6 = np.ones(len(m.t))
-    rows = Rows(m.t, a6 * m.theta, a6 * m.gamma, m.rate, k1 * m.u, m.span, "theta_dot" in numbers.noise)
-    terms = (*result.terms, "1")
-    lead = lead_of(rows, terms)
-    late = None if lead is None else lead.significant()
-    asked = question(rows, terms, late, float(m.t[-1] - m.t[0]))
-    if asked is None:
-        return []
-    answer = {result.terms[0]: (float(numbers.a6.mean()), float(numbers.a6_std.mean())),
-              "beta": (float(numbers.k1.mean()), float(numbers.k1_std.mean())), **numbers.terms}
-    constant, whole = len(model.node_a) == 1, slice(0, len(m.t))  # else the answer is of many numbers
-    return [lack_words(lack, driver) for lack in lacks(asked, late)
-            if not (lack.what == "delay" and lead is not None and holds(numbers, result, lead))
-            and (lack.size is None or lack.is_most or (constant and is_moved(asked, whole, answer, lack)))]
+    rows = replace(m, theta=a6 * m.theta, gamma=a6 * m.gamma, beta=k1 * m.beta)
+    asked = question(rows, (*result.terms[:2], "1"), result.terms[2:])
+    if asked.unchecked:
+        return [f"what a6 and k1 rest on could not be tested: {asked.unchecked}"]
+    found = [lack for lack in asked.lacks
+             if not (lack.what == "delay" and asked.lead is not None and holds(numbers, result, asked.lead))]
+    if len(model.node_a) == 1:   # else the answer is of many numbers
+        modes = term_modes(rows, asked.terms)
+        fit = gls(modes)
+        known = {result.terms[0]: (float(numbers.a6.mean()), float(numbers.a6_std.mean())),
+                 result.terms[1]: (float(numbers.k1.mean()), float(numbers.k1_std.mean())), "1": (0.0, math.inf)}
+        xi, std = np.array([(known | numbers.terms)[term] for term in asked.terms]).T
+        found = [] if fit.is_singular else against(rows, asked.terms, xi, std, fit, modes, found)
+    return [lack_words(lack, driver) for lack in found]
 
 
 def holds(numbers: First, result: Found, lead: Lead) -> bool:
@@ -293,19 +308,23 @@ def holds(numbers: First, result: Found, lead: Lead) -> bool:
 
 def lack_words(lack: Lack, driver: str) -> str:
     """The sentence that says why a first nominal without this effect would be wrong."""
-    shares = lack.shares
-    if lack.what == "nothing":
-        return "one part of the log predicts nothing of the rest: neither a6 nor k1 can be determined"
-    if lack.what == "placebo":
-        return (f"k1 cannot be determined: {driver} of another time of the log explains the motion as well as {driver} "
-                "does (placebo)")
+    said = {"placebo": f"k1 cannot be determined: {driver} of another time of the log explains the motion as well as "
+                       f"{driver} does (placebo)",
+            "gamma": "gamma does not act as theta does with the other sign: another unit, or the other sign",
+            FAST_THETA: "what theta does slowly does not act as what it does fast: log gamma or alpha, or give theta "
+                        "less its reference"}
+    if lack.what in said:
+        return said[lack.what]
     assert lack.size is not None
+    if lack.what == "clock":
+        return (f"the time by which {driver} leads grows by {1e3 * lack.size:.3g} ms a second: {driver} and the motion "
+                "are stamped by two clocks")
     if lack.what == "delay":
         words = f"leads the motion by {1e3 * lack.size:.0f} ms" if lack.size >= 0.0 else \
             f"follows the motion by {-1e3 * lack.size:.0f} ms: it is no input of it, or its stamps are late"
-        return f"{driver} {words} ({shares})"
+        return f"{driver} {words} ({lack.shares})"
     what = {"beta_ddot": "the acceleration of the nozzle acts too", "1": "a constant acts too"}
-    return f"{what.get(lack.what, f'the term {lack.what} is in the log')}, {lack.size:.3g} ({shares})"
+    return f"{what.get(lack.what, f'the term {lack.what} is in the log')}, {lack.size:.3g} ({lack.shares})"
 
 
 def unseparated(numbers: First, result: Found) -> list[str]:
@@ -320,7 +339,7 @@ def unseparated(numbers: First, result: Found) -> list[str]:
         ratio = float(np.mean(numbers.a6) / np.mean(numbers.k1))
         return [f"a6 and k1 cannot be told apart: theta and beta move together; a6/k1 = {ratio:.3g} alone is known; "
                 "log a stretch with a test input"]
-    _, _, phi = weak.columns(m, result.terms, m.at(result.delay))
+    _, _, phi = weak.columns(m, result.terms, result.delay)
     theta, beta = (float(np.std(phi[:, k] - phi[:, 0] * (phi[:, k].sum() / phi[:, 0].sum()))) for k in (1, 2))
     worth = float(np.median(numbers.a6_std)) * theta
     if worth > WORTH * max(float(np.median(np.abs(numbers.k1))) * beta, float(np.median(np.abs(numbers.a6))) * theta):

@@ -9,11 +9,11 @@ from sim.errors import InputError
 from sim.flight import CLOCK_DIGITS
 from sim.shown import slow_hint
 
-from ..identification.weak_form import path_angle
 from ..log.log import Log
 from ..log.slope import ONE_MOTION
 from ..log.stamps import usable_rows
 from ..sums import combined, least_squares, products, square
+from ..weakform.rows import path_angle
 
 FEWEST = 100           # rows: below, noise levels and a held-out part are chance
 SPIKE = 20.0           # times the median distance from the median of five rows: one in a million is at 8

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..identification.missing_terms import LARGE
-from ..identification.weak_form import INCREMENT
 from ..sums import combined, inner, square
+from ..weakform.judge import INCREMENT, LARGE
+from ..weakform.rows import Rows, noise_variance
 from . import filter as fl
 from . import weak
 from .channels import Channels
@@ -50,31 +50,20 @@ class Found:
 
     fitted: Fitted
     finer: Fitted | None
-    motion: weak.Motion
+    motion: Rows
     terms: tuple[str, ...]
     delay: float
     r2: float
 
 
-def noise_variance(x: np.ndarray) -> float:
-    """The variance of white noise on a smooth channel, by third differences: their variance is 20 times the noise's."""
-    x = x[np.isfinite(x)]
-    d = np.diff(x, 3)
-    quantum = np.diff(np.unique(x))
-    floor = float(np.min(quantum[quantum > 0.0], initial=math.inf)) if len(quantum) else math.inf
-    floor = floor * floor / 12.0 if math.isfinite(floor) else 0.0
-    usual = float(np.median(np.abs(d)) / 0.6745) ** 2 / 20.0 if len(d) else 0.0
-    return max(usual, floor, 1e-20)
-
-
-def sizes(c: Channels, m: weak.Motion) -> dict[str, float]:
+def sizes(c: Channels, m: Rows) -> dict[str, float]:
     """The largest values of the channels, by name."""
     def size(x: np.ndarray) -> float:
         return float(np.nanmax(np.abs(x))) + 1e-12
     u = weak.filled(c.t, c.beta if c.has("beta") else command(c))
-    return {"theta": size(m.theta), "theta_dot": size(m.rate), "beta": size(u),
+    return {"theta": size(m.theta), "theta_dot": size(m.theta_dot), "beta": size(u),
             "beta_rate": size(np.diff(u)) / c.period + 1e-12,
-            "moment": size(m.rate[m.span:] - m.rate[:-m.span]) / INCREMENT}
+            "moment": size(weak.columns(m, ())[1]) / INCREMENT}
 
 
 def bounds(c: Channels) -> dict[str, tuple[float, float]]:
@@ -110,9 +99,9 @@ def servo_start(c: Channels) -> float:
     return max(best - 2.0 * SERVO_DAMPING / SERVO, 0.0)
 
 
-def start(c: Channels, source: int, m: weak.Motion, terms: tuple[str, ...], delay: float) -> Model:
+def start(c: Channels, source: int, m: Rows, terms: tuple[str, ...], delay: float) -> Model:
     """The plain model with its first numbers: those of the weak form, and noises of the channels' own roughness."""
-    _, y, phi = weak.columns(m, terms, m.at(delay))
+    _, y, phi = weak.columns(m, terms, delay)
     xi = dict(zip(("1", *terms), weak.solve(phi, y).tolist(), strict=True))
     left = y - combined(phi, weak.solve(phi, y))
     numbers = {"q_a": max(square(left) / len(left) / INCREMENT, 1e-12), "delay": delay}
@@ -136,7 +125,7 @@ def start(c: Channels, source: int, m: weak.Motion, terms: tuple[str, ...], dela
     linear = np.array([xi[term] for term in terms])
     return Model(source, np.zeros(1), np.zeros(1), linear, numbers, (*free, "delay"), sine="sin(theta)" in terms,
                  damping="theta_dot" in terms, friction="sign(theta_dot)" in terms,
-                 smooth=3.0 * math.sqrt(numbers.get("r_theta_dot", 0.0)) or 0.05 * float(np.max(np.abs(m.rate))),
+                 smooth=3.0 * math.sqrt(numbers.get("r_theta_dot", 0.0)) or 0.05 * float(np.max(np.abs(m.theta_dot))),
                  gyro_offset=c.has("theta") and c.has("theta_dot"), sizes=sizes(c, m), bounds=bounds(c))
 
 
@@ -171,7 +160,7 @@ def large(c: Channels) -> bool:
     return c.has("theta") and bool(np.nanmax(np.abs(c.theta)) > LARGE)
 
 
-def best_delay(c: Channels, m: weak.Motion, terms: tuple[str, ...]) -> float:
+def best_delay(c: Channels, m: Rows, terms: tuple[str, ...]) -> float:
     """The best delay of the weak form [s]."""
     return weak.best_delay(m, terms, EARLIEST, LATEST, max(c.period, 0.005))
 

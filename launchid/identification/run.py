@@ -4,31 +4,27 @@ from dataclasses import dataclass, replace
 
 from launchid_core import Config, Estimate, Estimator
 
-from ..log.log import Log
-from ..log.rates import HELD, as_held, rate_of
-from ..log.stops import without_stops
+from ..log.check import CheckedLog
+from ..log.rates import HELD
 from ..running import run
-from .input_delay import Lead, delay
-from .window_validation import Judged, judge, refused, withdrawn
+from ..weakform.windows import Judged, judged_windows, refused, withdrawn
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
     """A log that was identified.
 
-    log        as it was fed;  config  as it was used;  estimator  for its counters and changes
+    log        as it was checked;  config  as it was used;  estimator  for its counters and changes
     estimates  of every window that closed, as the estimator gave them;  judged  the same judged by the log itself
-    delay      by how much beta leads, of what no nominal judges
-    foreign    of which other quantity than their names say whole columns are, in words (`checked.foreign`)
+    is_weak    the numbers of the judged are the weak form's
     """
 
-    log: Log
+    log: CheckedLog
     config: Config
     estimator: Estimator
     estimates: list[Estimate]
     judged: Judged
-    delay: Lead | None
-    foreign: str = ""
+    is_weak: bool
 
     @property
     def is_held(self) -> bool:
@@ -36,20 +32,19 @@ class Identified:
         return self.config.beta_held
 
 
-def identified(config: Config, log: Log, foreign: str = "", refuse: bool = False) -> Identified:
-    """Feed a log to the estimator and judge its windows.
+def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional: tuple[str, ...] = ()) -> Identified:
+    """Feed a log to the estimator and judge its windows; where a column is of another quantity than its name says, no
+    number of it is believed.
 
-    foreign  as in `Identified`;  refuse  every window: no number of this log is of one motion
+    is_weak   the estimator gives the windows and the counts of rows, and the weak form their numbers
+    optional  terms that the weak form has too where they are more than their deviation
     Of `filtered`, which judges itself, those are refused that a contradiction of the model follows within 20 s.
     """
-    kind = rate_of(log.t, log.beta).kind
-    if kind == HELD and config.formulation == "integral":
+    if seen.rates["beta"].kind == HELD and config.formulation == "integral":
         config = replace(config, beta_held=True)
-    estimates, estimator = run(config, log.rows())
-    measured = without_stops(as_held(log) if kind == HELD else log)
+    estimates, estimator = run(config, seen.log.rows())
     is_filtered = config.formulation == "filtered"
-    lead = None if is_filtered else delay(measured, config)
-    judged = judge(measured, config, withdrawn(estimates) if is_filtered else estimates, lead, kind)
-    if refuse:
-        judged = replace(judged, estimates=[refused(e) if e.valid else e for e in judged.estimates])
-    return Identified(log, config, estimator, estimates, judged, lead, foreign)
+    judged = judged_windows(seen, config, withdrawn(estimates) if is_filtered else estimates, is_weak, optional)
+    if seen.foreign or (not is_filtered and seen.doubtful):
+        judged = replace(judged, estimates=[refused(e) for e in judged.estimates])
+    return Identified(seen, config, estimator, estimates, judged, is_weak)

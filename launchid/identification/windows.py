@@ -4,24 +4,24 @@ import collections
 import dataclasses
 import itertools
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from launchid_core import Change, Config, Estimate, Estimator, Model, Status
+from launchid_core import MAX_ROWS, Change, Config, Estimate, Estimator, Model, Status
 from sim.errors import InputError, UsageError
 from sim.nominal import Nominal
 from sim.sections import SERVO, Offsets
 from sim.shown import servo_lines, slow_hint, with_std
 
 from ..log.log import Log
-from ..log.stops import saturations
 from ..onboard import MODELLED, onboard_model
 from ..running import run
-from .missing_terms import Lack
+from ..weakform.judge import LIBRARY, Lack
+from ..weakform.rows import FAST_THETA, near_all
+from ..weakform.windows import Judged, withdrawn
 from .run import Identified, identified
-from .weak_form import near_all
-from .window_validation import Judged, withdrawn
 
 __all__ = ["MODELLED", "chosen_formulation", "identified", "log_config", "number", "onboard_model", "report",
            "report_of", "run", "servo_note", "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
@@ -52,6 +52,24 @@ def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tra
     return formulation
 
 
+def is_weak(log: Log, nominal: Nominal | None, formulation: str | None, library: str | None,
+            choices: Mapping[str, Any]) -> bool:
+    """Whether the numbers are the weak form's: no formulation and no sparse regression is asked for, no nominal has a
+    model for the filter, and theta_ddot is not measured."""
+    sparse = (choices.get("solver", "stls") != "stls" or choices.get("threshold") is not None
+              or choices.get("compression", 1) != 1 or str(library).startswith("quadratic"))
+    return formulation is None and not sparse and "theta_ddot" not in log.columns and (
+        nominal is None or is_stand(nominal))
+
+
+def refuse_too_long(log: Log) -> None:
+    """InputError for a log that is too long for one window, at once."""
+    period, t = log.period, log.t[np.isfinite(log.t)]
+    if len(t) > MAX_ROWS and np.ptp(t) > MAX_ROWS * period:
+        raise InputError(f"{log.path}: too long for one window: at most {MAX_ROWS * period:g} s at this rate; "
+                         "--window S")
+
+
 def is_stand(nominal: Nominal) -> bool:
     """The filtered formulation has no model of it: a plant given by its terms, or a nozzle that nothing drives."""
     return bool(nominal.terms) or nominal.actuator is None
@@ -65,10 +83,11 @@ def stand_library(nominal: Nominal) -> tuple[str, ...]:
 
 
 def log_config(log: Log, nominal: Nominal | None, window: float | str, formulation: str | None, tracked: bool,
-               **choices: Any) -> Config:
+               bridged: float = 0.0, **choices: Any) -> Config:
     """Config for a log; UsageError for what the options ask and the log lacks.
 
     window   seconds, or `all`: one window of the whole log;  choices   further fields of Config
+    bridged  [s]  over which rows that were not measured are no gap (`log.check.CheckedLog`)
     """
     formulation = chosen_formulation(log, nominal, formulation, tracked)
     if nominal is not None and formulation != "filtered" and choices.get("library") == "rigid-body":
@@ -84,8 +103,10 @@ def log_config(log: Log, nominal: Nominal | None, window: float | str, formulati
             timing = {"window": float(window), "sample_period": log.period}
         except (TypeError, ValueError):
             raise UsageError(f"window {window!r}: expected seconds or 'all'") from None
+    if bridged > 0.0:
+        choices["max_gap"] = bridged
     try:
-        return Config(**timing, formulation=formulation, model=model, **saturations(log) | choices)
+        return Config(**timing, formulation=formulation, model=model, **choices)
     except ValueError as error:
         if str(error).startswith("sample_period"):
             raise InputError(f"{log.path}: column t: {error}{slow_hint(log.period)}") from None
@@ -186,9 +207,10 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
             window["fit"] = {"r2_held_out": fit.r2, "whiteness": fit.whiteness}
         if config.formulation != "filtered":
             said["lacks"] = [lack_json(lack) for lack in judged.lacks]
+        if judged.unchecked:
+            said["unchecked"] = judged.unchecked
         if judged.lacks:
-            missing = [lack.what for lack in judged.lacks if lack.size is not None
-                       and lack.what not in ("delay", "beta_ddot")]
+            missing = [lack.what for lack in judged.lacks if lack.what in LIBRARY]
             library = ",".join((*config.terms, *missing))
             said["next"] = "; ".join(lack_words(lack, library) for lack in judged.lacks)
     if tracked:
@@ -212,13 +234,16 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
 def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
     """The identify JSON of a whole log."""
     said = report(result.estimates, result.estimator, tracked, result.judged)
-    if "why" in said and (reason := result.log.unusable()):
+    if "why" in said and (reason := result.log.raw.unusable()):
         said["why"] += f"; {reason}"
-    if result.foreign:
-        said["next"] = f"correct the log first: {result.foreign}"
+    if result.log.foreign:
+        said["next"] = f"correct the log first: {result.log.foreign}"
     if result.config.formulation == "filtered":
         return said
-    return said | {"delay": None if result.delay is None else result.delay.json}
+    if "next" not in said and result.log.doubtful:
+        said["next"] = result.log.doubtful
+    lead = result.judged.lead
+    return said | {"delay": None if lead is None else lead.json}
 
 
 REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
@@ -226,7 +251,8 @@ REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
            "LOW_INFORMATION": "noise hides what could be known", "SATURATED": "sensors at their end stops",
            "NUMERICS": "results are not finite", "MODEL": "the log contradicts the model",
            "SEPARATION": "a6 and k1 cannot be told apart", "CHANGE": "a6 or k1 changed suddenly",
-           "CONTROLLER": "the commands are not the nominal controller's"}
+           "CONTROLLER": "the commands are not the nominal controller's",
+           "UNCHECKED": "what the numbers rest on could not be tested"}
 
 
 def why(windows: list[dict[str, Any]]) -> str:
@@ -260,26 +286,36 @@ def lack_json(lack: Lack) -> dict[str, Any]:
 
 
 def lack_words(lack: Lack, library: str) -> str:
-    """One line on the lack of an answer: what it would gain, and what to do; library  with all terms that it lacks."""
-    after, before = 100.0 * lack.after, 100.0 * lack.before
-    shares = lack.shares
-    if lack.what == "interpolated":
-        return "beta has fewer values than the log has rows, and lines between them: log beta at every row, as it acts"
-    if lack.what == "coefficients":
-        return (f"other coefficients of the same terms predict {after:.3g} % of the motion, the window's {before:.3g} "
-                "%: noise in theta or beta, or something slow, draws them off")
-    if lack.size is None:
-        return ("beta of another time of the log explains the motion as well as beta does (placebo): k1 cannot be "
-                "determined" if lack.what == "placebo" else "the fit predicts nothing of rows that are left out of it")
+    """One line on the lack of an answer: what, how much, and what to do; library  with all terms that it lacks."""
+    said = {
+        "interpolated": "beta has fewer values than the log has rows, and lines between them: log beta at every row, "
+                        "as it acts",
+        "coefficients": "the weak form under the log's own noise gives other coefficients of the same terms: noise in "
+                        "theta or beta, or something slow, draws these off; leave --formulation out",
+        "placebo": "beta of another time of the log explains the motion as well as beta does (placebo): k1 cannot be "
+                   "determined; log a stretch in which beta moves by itself",
+        FAST_THETA: "what theta does slowly does not act as what it does fast: a6 multiplies theta less the flight "
+                    "path; log gamma or alpha, or give theta less its reference",
+        "gamma": "gamma does not act as theta does with the other sign: it is in another unit, or of the other sign"}
+    if lack.what in said:
+        return said[lack.what]
+    assert lack.size is not None
+    if lack.what == "unexplained":
+        return (f"what the terms leave is {lack.after:.3g} times its noise about {lack.size:.3g} rad/s: something of "
+                "that frequency acts, or noise that changes")
+    if lack.what == "clock":
+        return (f"the time by which beta leads grows by {1e3 * lack.size:.3g} ms a second: beta and theta are stamped "
+                "by two clocks, which no shift mends")
     if lack.what == "delay":
         late = "later" if lack.size > 0.0 else "sooner"
-        return f"beta acts {abs(1e3 * lack.size):.3g} ms {late} than it is logged ({shares}): shift it by that"
+        return f"beta acts {abs(1e3 * lack.size):.3g} ms {late} than it is logged ({lack.shares}): shift it by that"
     if lack.what == "beta_ddot":
-        return (f"the acceleration of beta acts too, with the coefficient {lack.size:.3g} ({shares}): no library has "
-                "that term, the cause nozzle_inertia of `launchid diagnose` has")
+        return (f"the acceleration of beta acts too, with the coefficient {lack.size:.3g} ({lack.shares}): no library "
+                "has that term, the cause nozzle_inertia of `launchid diagnose` has")
     what = f"a constant of {lack.size:.3g} rad/s^2" if lack.what == "1" else \
         f"the term {lack.what} with the coefficient {lack.size:.3g}"
-    return f"{what} acts in the log ({shares}): identify with --library {library}"
+    slope = "; a6 is then not the slope of the moment at the log's attitude" if lack.what == "sin(theta)" else ""
+    return f"{what} acts in the log ({lack.shares}): identify with --library {library}{slope}"
 
 
 def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
@@ -315,7 +351,7 @@ def table(result: dict[str, Any]) -> str:
         lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {before} -> {after} "
                      f"1/s^2 (size {with_std(c['size'], c['size_std'])})")
     lines += servo_lines(result.get("actuator", {}))
-    lines += [result[words] for words in ("why", "next") if words in result]
+    lines += [result[words] for words in ("why", "unchecked", "next") if words in result]
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"
     lines.append(f"samples accepted {samples['accepted']}, rejected: {rejected}")

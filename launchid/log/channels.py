@@ -14,7 +14,7 @@ import numpy as np
 
 from .fault import Fault
 from .runs import runs_of
-from .stops import SENSED, stopped
+from .stops import SENSED, ran_over, stopped
 
 MEASURED = ("theta", "theta_dot", "beta")  # by sensors: these may freeze and spike
 NOZZLE, COMMAND = "beta", "beta_cmd"
@@ -58,7 +58,10 @@ def judged(t: np.ndarray, columns: Mapping[str, np.ndarray], usable: np.ndarray,
         faults += missing_runs(name, t, x)
     still = np.sum([columns[name] == 0.0 for name in MEASURED], axis=0) >= 2
     resting = int(np.argmin(np.append(still, False)))  # rows in which an ideal vehicle has not moved yet
+    faults += zero_rows(t, columns, masks, resting)
     for name in MEASURED:
+        if name == "theta_dot":
+            faults += ran_over(name, t, columns[name], masks[name])
         if name in SENSED:
             faults += stopped(name, t, columns[name], masks[name])
         faults += frozen_runs(name, t, columns[name], masks[name], own[name], resting)
@@ -93,6 +96,36 @@ def missing_runs(name: str, t: np.ndarray, x: np.ndarray) -> Iterator[Fault]:
         yield Fault("dropout", name, float(t[start]), float(t[end]), count,
                     f"{name} has no value in {_plural(count, 'row')} ({_plural(len(runs), 'dropout')}), first at "
                     f"t = {t[start]:.6g} s: the sensor or its link was off; these rows are left out")
+
+
+def zero_rows(t: np.ndarray, columns: Mapping[str, np.ndarray], masks: dict[str, np.ndarray],
+              resting: int) -> Iterator[Fault]:
+    """Rows in which every sensor reads exactly zero at once, although one of them is far from zero beside most such
+    rows: a logger that writes 0 for what did not come; clears them in masks inout.
+
+    resting  rows from the first on in which nothing has moved yet
+    """
+    there = {name: columns[name] for name in MEASURED if np.isfinite(columns[name]).any()}
+    zero = np.logical_and.reduce([np.arange(len(t)) >= resting, *(x == 0.0 for x in there.values())])
+    runs = runs_of(zero)
+    if len(there) < 2 or not 0 < 2 * len(runs) < len(t):
+        return
+    jumps = np.zeros(len(runs), bool)
+    for x in there.values():
+        moves = np.abs(np.diff(x[~zero & np.isfinite(x)]))
+        usual = float(np.median(moves[moves > 0.0])) if (moves > 0.0).any() else 0.0
+        beside = np.stack([np.abs(x[np.maximum(runs[:, 0] - 1, 0)]), np.abs(x[np.minimum(runs[:, 1], len(x) - 1)])])
+        beside[0, runs[:, 0] == 0] = beside[1, runs[:, 1] == len(x)] = np.nan
+        with np.errstate(invalid="ignore"):
+            jumps |= np.fmin(beside[0], beside[1]) > JUMP * usual
+    if np.mean(jumps) < 0.5:
+        return
+    rows = np.flatnonzero(zero)
+    for name in there:
+        masks[name][rows] = False
+    yield Fault("dropout", None, float(t[rows[0]]), float(t[rows[-1]]), len(rows),
+                f"{', '.join(there)} are exactly zero at once in {_plural(len(rows), 'row')}, first at t = "
+                f"{t[rows[0]]:.6g} s: a logger writes 0 for what did not come; these rows are left out")
 
 
 def frozen_runs(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, own: np.ndarray,

@@ -4,42 +4,165 @@ The detector (`launchid.log.detect`) sees a unit or a sign against another colum
 (beta and its command both reversed) `log.vehicle` sees.
 """
 
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
 
 from sim.errors import InputError
 from sim.nominal import Nominal, constant_profile
 from sim.sections import Sensors
 
-from .detect import DataCheck, check, related
+from .channels import ABSURD
+from .detect import VALUES, DataCheck, check, related
 from .fault import Fault
 from .log import Log
+from .rates import Rate
 from .slope import foreign_scale, is_other_motion
+from .stamps import even_grid
 from .turns import unwrapped
 from .vehicle import plant_faults
 
 COLUMN_FAULTS = ("unit", "sign", "swapped", "motion", "origin")  # of a whole column: it is of another quantity
+DOUBTFUL = ("scale",)  # of a whole column: which of two is right only a nominal could tell
 CLOCK_FAULTS = ("unit", "order")   # of t: there is no period, and nothing can be computed
 FEWEST_IDEAL = 20       # rows
 EXACT = 1e-3            # of the rms increment from row to row: no sensor is as good, the simulator's step is
-MASKED = "; these rows are left out"          # by the diagnosis; an estimator judges each row by itself
+BRIDGED = 2             # rows in a row without theta or beta that are missing measurements; more are a gap
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedLog:
+    """A log that was looked at once, for every command.
+
+    log     what may be used: nothing is measured (NaN) where the check finds a fault of rows, stamps lie on the grid
+            that they belong to, whole turns are put back
+    raw     as it was read;  faults  as found;  notes  what was mended, in words
+    data    the masks of the columns
+    bridged  seconds over which single missing cells are missing measurements, not gaps; 0: none is missing
+    """
+
+    log: Log
+    raw: Log
+    faults: tuple[Fault, ...]
+    notes: tuple[str, ...]
+    data: DataCheck
+    bridged: float = 0.0
+
+    @property
+    def rates(self) -> dict[str, Rate]:
+        """How often theta, theta_dot and beta change."""
+        return self.data.rates
+
+    @property
+    def foreign(self) -> str:
+        """The columns that are of another quantity than their names say, in words; "": none.  No number of such a log
+        is of one motion, and no advice but to correct them has a meaning."""
+        return foreign(self.faults)
+
+    @property
+    def doubtful(self) -> str:
+        """What without a nominal makes every number doubtful, in words; "": nothing."""
+        return "; ".join(fault.message for fault in self.faults if fault.kind in DOUBTFUL)
+
+    @property
+    def line(self) -> tuple[str, ...]:
+        """The data check's warning in one line; () if it found nothing."""
+        return (f"{self.raw.path}: the data check: {'; '.join(fault.message for fault in self.faults)}",) \
+            if self.faults else ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All that a user should know of the log."""
+        return (*self.line, *self.notes, *ideal_note(self.log))
+
+
+def checked(log: Log, nominal: Nominal | None = None, *, strict: bool = False,
+            refuse_columns: bool = False) -> CheckedLog:
+    """Check a log; the one way from a file to what a command may use.
+
+    nominal  None: the columns are judged by each other alone
+    InputError where the log's clock is none (in another unit than seconds, or of rows that are out of order), if
+    `strict` and anything was found, or if a column is of another quantity than its name says and that is refused.
+    """
+    mended, notes = _on_grid(log)
+    mended, turns = unwrapped(mended)
+    data = _examined(mended, nominal)
+    found = data.faults if foreign(data.faults) else (
+        *data.faults, *plant_faults(mended, nominal or _unknown(log.period), data.masks), *rate_faults(mended, data))
+    with np.errstate(invalid="ignore"):
+        rejected = ~data.usable | np.any([np.abs(getattr(mended, name)) > ABSURD for name in VALUES], axis=0)
+    columns: dict[str, Any] = {name: _measured(mended, name, data, rejected) for name in VALUES if name in log.columns}
+    used = replace(mended, **columns)
+    made = CheckedLog(used, log, found, tuple(f"{log.path}: {note}" for note in (
+        *notes, *(turn.message for turn in turns))), data, _bridged(used))
+    if made.line and (strict or (refuse_columns and made.foreign)):
+        raise InputError(made.line[0])
+    return made
 
 
 def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
-    """The faults that the data check finds; without a nominal those that the columns show of each other.
+    """The faults that the data check finds; without a nominal those that the columns show of each other."""
+    return checked(log, nominal).faults
 
-    InputError where the log's clock is none: in another unit than seconds, or of rows that are out of order.
-    """
-    if nominal is None:  # of a vehicle and of sensors that say nothing
-        nominal = Nominal(name="", vehicle=constant_profile(0.0, 0.0), terms=(), sensors=Sensors(
-            period=log.period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
-    log, _ = unwrapped(log)
-    data = check(log, nominal)
+
+def columns_alone(log: Log) -> DataCheck:
+    """The data check of a log whose clock may be none."""
+    return check(log, _unknown(log.check_clock() or 1.0))
+
+
+def _unknown(period: float) -> Nominal:
+    """A nominal of a vehicle and of sensors that say nothing."""
+    return Nominal(name="", vehicle=constant_profile(0.0, 0.0), terms=(), sensors=Sensors(
+        period=period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
+
+
+def _examined(log: Log, nominal: Nominal | None) -> DataCheck:
+    """The data check of the columns; InputError where the clock is none."""
+    data = check(log, nominal or _unknown(log.period))
     for fault in data.faults:
         if fault.channel == "t" and fault.kind in CLOCK_FAULTS:
             raise InputError(f"{log.path}: column t: {fault.message.removeprefix('t ')}")
-    if foreign(data.faults):
-        return data.faults
-    return (*data.faults, *plant_faults(log, nominal, data.masks), *rate_faults(log, data))
+    return data
+
+
+def _on_grid(log: Log) -> tuple[Log, list[str]]:
+    """The log with stamps that were rounded to a tick on their grid, and what was done in words."""
+    log.check_clock()
+    rows = np.flatnonzero(np.isfinite(log.t))
+    made = even_grid(log.t[rows]) if len(rows) else None
+    if made is None:
+        return log, []
+    grid, period, tick = made
+    t = log.t.copy()
+    t[rows] = grid
+    return replace(log, t=t), [f"stamps are rounded to {tick:.4g} s; rows are {period:.5g} s apart: put on that grid"]
+
+
+def _measured(log: Log, name: str, data: DataCheck, rejected: np.ndarray) -> np.ndarray:
+    """A column without the values at fault.
+
+    rejected (n,)  rows with a bad stamp, or with what is no number that a sensor has: every estimator rejects them by
+    itself, and counts them
+    A held input acts as it stands in every row; a column that is at fault as a whole keeps its values, for what is said
+    of it: no number of the log is believed.
+    """
+    x = getattr(log, name)
+    if any(fault.kind in COLUMN_FAULTS and fault.channel in (name, None) for fault in data.faults):
+        return np.asarray(x)
+    good = data.masks[name] | rejected
+    if name in ("beta", "beta_cmd"):   # an input that stays as it is acts so: a step, a command that is held
+        is_same = np.isfinite(x) & (x == np.concatenate([x[:1], x[:-1]]))
+        good = rejected | data.sound[name] | (is_same & data.masks["theta"])
+    return np.where(good, x, math.nan)
+
+
+def _bridged(log: Log) -> float:
+    """Seconds over which rows with a missing theta or beta are bridged: BRIDGED rows; 0 where none is missing."""
+    there = np.isfinite(log.t)
+    missing = there & ~(np.isfinite(log.theta) & np.isfinite(log.beta))
+    return (BRIDGED + 1.5) * log.period if missing.any() and not missing[there].all() else 0.0
 
 
 def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
@@ -51,30 +174,14 @@ def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
         return [Fault("motion", None, float(t[0]), float(t[-1]), len(t),
                       "theta_dot is not the slope of theta over any time: the body turns about its other axes too, or "
                       "the two are of different devices")]
-    scale = foreign_scale(columns, period) if columns else None
+    both = data.masks["theta"] & data.masks["theta_dot"]
+    known = np.interp(t, log.t[data.usable], both[data.usable]) > 1.0 - 1e-9 if columns else np.zeros(0, bool)
+    scale = foreign_scale(columns, period, known) if columns else None
     if scale is None:
         return []
     return [Fault("scale", "theta_dot", float(t[0]), float(t[-1]), len(t),
                   f"theta_dot is {scale[0]:.3g} times the slope of theta (+- {scale[1]:.1g}): a6 and k1 may be off by "
                   "as much, which their standard deviations do not know; correct the scale of either")]
-
-
-def warned(log: Log, noted: tuple[Fault, ...], strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
-    """The data check's warning in one line; () if it found nothing.
-
-    InputError instead if `strict`, or if a column is of another quantity than its name says and that is refused.
-    """
-    if not noted:
-        return ()
-    line = f"{log.path}: the data check: {'; '.join(fault.message.removesuffix(MASKED) for fault in noted)}"
-    if strict or (refuse_columns and foreign(noted)):
-        raise InputError(line)
-    return (line,)
-
-
-def data_warnings(log: Log, nominal: Nominal | None, strict: bool, refuse_columns: bool = False) -> tuple[str, ...]:
-    """Both in one: look at a log, and say what is found."""
-    return warned(log, faults(log, nominal), strict, refuse_columns)
 
 
 def foreign(noted: tuple[Fault, ...]) -> str:

@@ -9,7 +9,7 @@ stale values of a coarsely quantised channel show only by their length or the ju
 at their end; a fault for a part of the log only is not a sign or unit fault.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from sim.sections import Nominal
 from . import channels, relations, stamps
 from .fault import Fault
 from .log import SHORTEST, Log
-from .rates import rate_of, slower
+from .rates import Rate, rate_of, slower
 from .slope import Columns, unit_of_time
 from .vehicle import guided_faults
 
@@ -36,11 +36,14 @@ class DataCheck:
     usable  (n,) bool: the row's stamp is finite and after all usable ones before
     masks   channel -> (n,) bool: the value may be used (measured, no fault; a channel whose unit, sign or place is
             wrong has none).  Where the stamp is unusable so is the value
+    rates   of the measured channels;  sound  as masks, with the values that a logger repeated or interpolated
     """
 
     faults: tuple[Fault, ...]
     usable: np.ndarray
     masks: dict[str, np.ndarray]
+    rates: dict[str, Rate] = field(default_factory=dict)
+    sound: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def is_bad(self) -> bool:
@@ -59,11 +62,14 @@ def check(log: Log, nominal: Nominal) -> DataCheck:
     masks, single = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, usable,
                                     {name: rate.own for name, rate in rates.items()})
     faults += single
+    if "alpha" in log.columns:
+        masks["alpha"] = np.isfinite(log.alpha) & usable
     if not any(fault.kind == "order" for fault in faults):
         faults += _between(log, nominal, usable, masks)
+    sound = {name: mask.copy() for name, mask in masks.items()}
     for name, rate in rates.items():  # last, since between the channels every row counts
         faults += slower(name, log.t, rate, masks[name])
-    return DataCheck(tuple(faults), usable, masks)
+    return DataCheck(tuple(faults), usable, masks, rates, sound)
 
 
 def _between(log: Log, nominal: Nominal, usable: np.ndarray, masks: dict[str, np.ndarray]) -> list[Fault]:
@@ -90,7 +96,7 @@ def related(log: Log, usable: np.ndarray, masks: dict[str, np.ndarray]) -> tuple
     grid = stamps.uniform_times(t) if len(t) >= FEWEST_RELATED else np.zeros(0)
     columns: Columns = {}
     for name in relations.RELATED if len(grid) >= FEWEST_RELATED else ():
-        good = masks[name][usable]
+        good = masks[name][usable] if name in masks else np.zeros(len(t), bool)
         if 2 * np.count_nonzero(good) > len(t):
             columns[name] = np.interp(grid, t[good], getattr(log, name)[usable][good])
     return grid, columns

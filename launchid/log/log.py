@@ -79,6 +79,14 @@ class Log(Result):
         return self.columns == other.columns and all(
             np.array_equal(x, getattr(other, name), equal_nan=True) for name, x in self.measured().items())
 
+    def too_short(self, window: float) -> str:
+        """Why no window [s] of the log is complete, in words."""
+        t = self.t[np.isfinite(self.t)]
+        if reason := self.unusable():
+            return f"no window of {window:g} s is complete: {reason}"
+        return (f"no window of {window:g} s is complete: the log has {len(t)} rows over {np.ptp(t):.4g} s; "
+                "expected a longer log, or a smaller window")
+
     def unusable(self) -> str:
         """The columns of no use to an estimator: those for which it rejects rows, in how many, and those that never
         change; in words, "" if there are none."""
@@ -232,7 +240,7 @@ def log_of_values(path: str, values: dict[str, np.ndarray], ignored: tuple[str, 
 def log_of(columns: Any, path: str = "log", required: tuple[str, ...] = REQUIRED) -> Log:
     """A log of columns in memory: a mapping, or a data frame of any library (names in `columns`, taken by them).
 
-    path  what messages call it;  None and NA are not measured
+    path  what messages call it;  None, NA and what is masked are not measured
     """
     given = _names(path, columns)
     names = places(path, [str(name) for name in given], required, "")
@@ -258,6 +266,7 @@ def _names(path: str, columns: Any) -> list[Any]:
 
 
 def _column(path: str, name: str, column: Any) -> np.ndarray:
+    hidden = np.ma.getmaskarray(column) if isinstance(column, np.ma.MaskedArray) else None
     raw = np.asarray(column) if hasattr(column, "dtype") else column
     if isinstance(raw, np.ndarray) and raw.dtype.kind in DATES:
         raise InputError(f"{path}: column {name}: it holds dates; expected numbers"
@@ -270,7 +279,7 @@ def _column(path: str, name: str, column: Any) -> np.ndarray:
         values = np.array([_in_memory(path, name, k, x) for k, x in enumerate(column)])
     if values.ndim != 1:
         raise InputError(f"{path}: column {name}: {values.ndim} dimensions; expected one")
-    return values
+    return values if hidden is None else np.where(hidden, math.nan, values)
 
 
 def _in_memory(path: str, name: str, row: int, x: Any) -> float:

@@ -8,12 +8,11 @@ measurements the rows between are a late sensor, or a slow servo.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from .fault import Fault
-from .log import Log
 from .stamps import usable_rows
 
 OWN, HELD, INTERPOLATED = "own", "held", "interpolated"
@@ -128,10 +127,3 @@ def slower(name: str, t: np.ndarray, rate: Rate, mask: np.ndarray) -> Iterator[F
         mask[between] = False
         yield Fault("stale", name, float(t[between[0]]), float(t[between[-1]]), len(between),
                     f"{name} is {rate.words}; these rows are left out")
-
-
-def as_held(log: Log) -> Log:
-    """A log whose beta acts from each of its values to the next: at a row where it changes it is the mean of both, so
-    that the integral over any two rows that are not this one is that of the steps."""
-    before = np.concatenate([log.beta[:1], log.beta[:-1]])
-    return replace(log, beta=np.where(np.isfinite(before), 0.5 * (log.beta + before), log.beta))

@@ -26,6 +26,7 @@ from .slope import (
     CLEAR,
     DEGREES,
     NO_FIT,
+    RATE_BLOCK,
     SAME_UNIT,
     Columns,
     Fit,
@@ -56,7 +57,7 @@ LAG_CLEAR = 0.2          # share of the nozzle's changes explained at the best l
 ROUGHER = 3.0            # times: the measured attitude against a reference
 FAR_OUT = 0.6            # rad: an attitude reference of small-angle flight does not reach it
 FAULTS_AT_MOST = 4
-RELATED = ("theta", "theta_dot", "beta", "beta_cmd", "theta_ref")
+RELATED = ("theta", "theta_dot", "beta", "beta_cmd", "theta_ref", "alpha")
 WORDS = {"swapped": "{} look exchanged over the whole log: {}; exchange the two column names",
          "unit": "{} looks like degrees over the whole log: {}; multiply it by pi/180",
          "sign": "{} has the opposite sign over the whole log: {}; multiply it by -1"}
@@ -104,7 +105,7 @@ def _first(columns: Columns, period: float, nominal: Nominal, times: np.ndarray)
     nozzle = nozzle_fit(columns, "beta_cmd", "beta", period, nominal)
     control = control_fit(columns, "theta", "theta_ref", period, nominal, times)
     return (_exchanged(columns, period, nominal, rate, nozzle, control) or _in_degrees(rate, nozzle, control)
-            or _far_out(columns, nominal) or _reversed(rate, nozzle, control))
+            or _far_out(columns, nominal) or _reversed(rate, nozzle, control) or _other_alpha(columns, period))
 
 
 # ---- the relations
@@ -285,6 +286,22 @@ def _in_degrees(rate: Fit, nozzle: Fit, control: Fit) -> Change | None:
             if control.partial[k] > PARTIAL and near(abs(control.gain[k]), back, UNIT_SLACK):
                 return Change("unit", (name,), back, f"it is {seen(control.gain[k])} what beta_cmd answers")
     return None
+
+
+def _other_alpha(columns: Columns, period: float) -> Change | None:
+    """An alpha in degrees or of the other sign: it moves with theta where the motion is fast, for gamma is slow."""
+    if not {"theta", "alpha"} <= set(columns):
+        return None
+    rows = max(2, round(RATE_BLOCK / period))
+    fit = regress(np.diff(block_means(columns["alpha"], rows)), [np.diff(block_means(columns["theta"], rows))])
+    gain = fit.gain[0]
+    if not fit.explained > CLEAR:
+        return None
+    sign = " with the opposite sign" if gain < 0.0 else ""
+    for factor, said in ((DEGREES, "57.3 times"), (1.0 / DEGREES, "1/57.3 of")):
+        if near(abs(gain), factor, UNIT_SLACK):
+            return Change("unit", ("alpha",), 1.0 / gain, f"it moves by {said} theta{sign}")
+    return Change("sign", ("alpha",), -1.0, "it moves against theta") if near(gain, -1.0, GAIN_SLACK) else None
 
 
 def _far_out(columns: Columns, nominal: Nominal) -> Change | None:

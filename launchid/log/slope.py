@@ -30,6 +30,8 @@ SURE = 5.0               # standard deviations
 NEIGHBOURS = 2.0         # times the variance of independent residuals: those of neighbouring blocks share one
 NOISE_SHARE = 0.1        # of the changes of theta: what else theta_dot leaves of them is motion
 TIME_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9), ("", 1.0))  # "": seconds
+LONG_UNITS = (("minutes", 1.0 / 60.0), ("hours", 1.0 / 3600.0), ("days", 1.0 / 86400.0))  # how many are a second
+NOT_DEGREES = 0.03       # relative: a gain of 60 (minutes) is 4.7 % from one of 57.3 (degrees)
 
 Columns = dict[str, np.ndarray]  # channel -> (n,) on a uniform grid; absent: not measured
 
@@ -85,13 +87,17 @@ def integral(x: np.ndarray, period: float) -> np.ndarray:
     return np.concatenate(([0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * period)))
 
 
-def rate_fit(columns: Columns, angle: str, rate: str, period: float) -> Fit:
-    """Change of `angle` between blocks of RATE_BLOCK = gain * integral of `rate` + bias."""
+def rate_fit(columns: Columns, angle: str, rate: str, period: float, known: np.ndarray | None = None) -> Fit:
+    """Change of `angle` between blocks of RATE_BLOCK = gain * integral of `rate` + bias; of blocks of which all rows
+    are `known` (n,)."""
     if angle not in columns or rate not in columns:
         return NO_FIT
     rows = max(2, round(RATE_BLOCK / period))
-    return regress(np.diff(block_means(columns[angle], rows)),
-                   [np.diff(block_means(integral(columns[rate], period), rows))])
+    rise, part = (np.diff(block_means(x, rows)) for x in (columns[angle], integral(columns[rate], period)))
+    if known is not None:
+        whole = block_means(known, rows) == 1.0
+        rise, part = (x[whole[1:] & whole[:-1]] for x in (rise, part))
+    return regress(rise, [part])
 
 
 def lengths(rows: int) -> Iterator[int]:
@@ -128,10 +134,11 @@ def is_other_motion(columns: Columns, period: float) -> bool:
     return moves and fit.explained < CLEAR
 
 
-def foreign_scale(columns: Columns, period: float) -> tuple[float, float] | None:
-    """(How many times the slope of theta theta_dot is, its standard deviation) where that is not 1."""
-    fit = rate_fit(columns, "theta", "theta_dot", period)
-    gain, blocks = fit.gain[0], len(columns["theta"]) * period / RATE_BLOCK if "theta" in columns else 0.0
+def foreign_scale(columns: Columns, period: float, known: np.ndarray) -> tuple[float, float] | None:
+    """(How many times the slope of theta theta_dot is, its standard deviation) where that is not 1, by the rows where
+    both are known (n,)."""
+    fit = rate_fit(columns, "theta", "theta_dot", period, known)
+    gain, blocks = fit.gain[0], np.count_nonzero(known) * period / RATE_BLOCK
     if blocks < ENOUGH_BLOCKS or fit.explained < ONE_MOTION:
         return None
     std = abs(gain) * math.sqrt(NEIGHBOURS * (1.0 / fit.explained - 1.0) / blocks)
@@ -150,6 +157,9 @@ def unit_of_time(columns: Columns, period: float) -> tuple[str, float, str] | No
     gain = abs(fit.gain[0])
     if not (fit.explained > CLEAR and 0.0 < gain < math.inf):
         return None
+    for name, factor in LONG_UNITS if not near(gain, 1.0, SAME_UNIT) else ():
+        if near(gain * factor, 1.0, SAME_UNIT) and (name != "minutes" or abs(gain * factor - 1.0) < NOT_DEGREES):
+            return name, factor, f"theta_dot is {1.0 / gain:.4g} times the slope of theta"
     if not period > SLOW or near(gain, 1.0, SAME_UNIT):
         return "", 1.0, ""
     why = f"theta_dot is {1.0 / gain:.4g} times the slope of theta"

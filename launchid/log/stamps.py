@@ -11,7 +11,7 @@ import numpy as np
 from sim.sections import Nominal
 
 from .fault import Fault
-from .slope import TIME_UNITS
+from .slope import LONG_UNITS, TIME_UNITS
 
 GAP = 1.75                 # local periods: a longer step has lost a stamp (one lost: 2)
 GAP_JITTERED = 1.5         # local periods, where the log jitters by 20 %: at most 1.4 without a loss, at least 1.6 with
@@ -23,6 +23,11 @@ MOST_LOST = 1.0e15         # rows in a gap: beyond, a stamp is no time, and a co
 COARSE = 0.5               # of the stamps repeat the one before: rows were not written twice, a clock was printed short
 OUT_OF_ORDER = 0.25        # of the steps go back: no clock is reset as often
 LONGEST_GRID = 4           # times the rows: a log with one gap of a day must not fill the memory
+TICK = 0.01                # of a period: a resolution finer than that changes no step that is seen
+WITHIN = 1.1               # resolutions about the line through the rows: the line itself is fitted
+FEWEST_TICKS = 20          # stamps: fewer lie near a line by chance
+LOCAL = 200                # rows over which the period is taken where rows are lost
+FOLLOWED = 0.05            # of its distance from a stamp, by which the grid follows where rows are lost
 
 
 def usable_rows(t: np.ndarray) -> np.ndarray:
@@ -40,6 +45,52 @@ def usable_rows(t: np.ndarray) -> np.ndarray:
     before = np.maximum.accumulate(np.concatenate(([-math.inf], stamps[:-1])))
     usable[rows] = stamps > before
     return usable
+
+
+def tick_of(t: np.ndarray) -> float:
+    """Return the resolution [s] of stamps t (n,) that do not go back: the smallest difference between their steps, of
+    those that TICK tells apart."""
+    steps = np.diff(t)
+    apart = np.diff(np.sort(np.append(steps, 0.0)))
+    apart = apart[apart > TICK * min(np.mean(steps), np.median(steps[steps > 0.0]))]
+    return float(np.min(apart)) if len(apart) else 0.0
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def even_grid(t: np.ndarray) -> tuple[np.ndarray, float, float] | None:
+    """Return (times (n,), their period, the resolution of the stamps) [s] of stamps t (n,) that were rounded to a tick.
+
+    The times are a line through row number and stamp, where every stamp is within its own resolution of it; the
+    numbers of lost rows are left out. None where the stamps are even as they are, jitter, or are rows written twice.
+    """
+    steps = np.diff(t)
+    if len(t) < FEWEST_TICKS or not np.all(np.isfinite(t)) or np.any(steps < 0.0):
+        return None
+    if not np.any(steps > 0.0):
+        return None
+    tick, mean, usual = tick_of(t), float(np.mean(steps)), float(np.median(steps[steps > 0.0]))
+    if not TICK * mean < tick <= GAP_JITTERED * usual or (np.any(steps == 0.0) and np.mean(steps == 0.0) < COARSE):
+        return None
+    for row in (np.arange(len(t)), _rows_with_lost(t, usual)):
+        slope, start = np.polyfit(row, t - t[0], 1)
+        grid = t[0] + start + slope * row
+        if np.ptp(t - grid) <= WITHIN * tick and slope > 0.0:
+            return (grid, float(slope), tick) if np.max(np.abs(t - grid)) > TICK * slope else None
+    return None
+
+
+def _rows_with_lost(t: np.ndarray, usual: float) -> np.ndarray:
+    """Return row numbers (n,) of stamps t, of which those of lost rows are left out."""
+    reach = min(LOCAL, len(t) // 2)
+    period = float(np.median((t[reach:] - t[:-reach]) / reach)) or usual
+    row, place, numbers = 0, float(t[0]), np.empty(len(t), dtype=np.int64)
+    numbers[0] = 0
+    for k, stamp in enumerate(t[1:].tolist(), start=1):
+        ahead = max(1, round(min((stamp - place) / period, MOST_LOST)))
+        row, place = row + ahead, place + ahead * period
+        place += FOLLOWED * (stamp - place)
+        numbers[k] = row
+    return numbers
 
 
 def local_periods(steps: np.ndarray) -> np.ndarray:
@@ -122,6 +173,7 @@ def unit_fault(t: np.ndarray, nominal: Nominal, by_slope: tuple[str, float, str]
     return [Fault("unit", "t", float(t[0]), float(t[-1]), len(t),
                   f"t looks like {unit} over the whole log: {why}; "
                   + (f"divide it by {factor:g}" if (unit, factor) in TIME_UNITS else
+                     f"multiply it by {1.0 / factor:g}" if (unit, factor) in LONG_UNITS else
                      f"multiply it by about {1.0 / factor:.3g} s"))], factor
 
 

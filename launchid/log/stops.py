@@ -9,15 +9,11 @@ Limitations: noise added after the stop hides it, and so does a quantum beyond t
 of its own, rests and leaves it, looks the same.
 """
 
-import dataclasses
-import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from .fault import Fault
-from .log import Log
 from .runs import runs_of
 
 SENSED = ("theta", "theta_dot")
@@ -25,9 +21,13 @@ FEWEST_STOPPED = 5     # rows at a stop
 BESIDE_VALUES = 3      # values next to the last one
 MORE_OFTEN = 4.0       # times as many rows as any of these: at the crest of a quantised sine 2.4
 SELDOM = 0.2           # of the other rows repeat the one before, at most: a reference rests elsewhere too
-ONE_SIDED = 0.5        # of the largest value: a range is as wide to both sides, but for an offset
+LEAST = 0.1            # of the largest value: nearer to zero no sensor's range ends
 ENTRY = 3              # steps before a run
 FAST = 0.1             # of the usual step, the largest of these: what comes to rest is slower
+OVERFLOW = 0.75        # of the whole range, that a number that overflows jumps over
+WITHOUT = 2.0          # times as large as any other step
+CHOSEN = 3             # rows beside a stop that are left out with it
+LASTS = 3              # rows beyond the end, once at least: else these are spikes
 
 
 def end_stops(x: np.ndarray) -> np.ndarray:
@@ -40,7 +40,7 @@ def end_stops(x: np.ndarray) -> np.ndarray:
     repeats, usual = steps == 0.0, float(np.median(steps[steps > 0.0]))
     ends = [value for value, count, beside in ((values[-1], rows[-1], rows[-1 - BESIDE_VALUES:-1]),
                                                (values[0], rows[0], rows[1:1 + BESIDE_VALUES]))
-            if abs(value) > ONE_SIDED * np.max(np.abs(x)) and count >= max(FEWEST_STOPPED, MORE_OFTEN * np.max(beside))]
+            if abs(value) > LEAST * np.max(np.abs(x)) and count >= max(FEWEST_STOPPED, MORE_OFTEN * np.max(beside))]
     elsewhere = ~np.isin(x[1:], ends)
     if np.count_nonzero(repeats & elsewhere) > SELDOM * np.count_nonzero(elsewhere):
         return stopped
@@ -56,28 +56,40 @@ def stopped(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray) -> Iterat
     rows = np.flatnonzero(mask)
     at = rows[end_stops(x[rows])] if len(rows) else rows
     if len(at):
-        mask[at] = False
+        near = np.convolve(np.isin(rows, at), np.ones(2 * CHOSEN + 1), mode="same") > 0.5
+        mask[rows[near]] = False   # of rows beside it noise chose those below it
         ends = " and ".join(f"{value:.4g}" for value in np.unique(x[at]))
         yield Fault("stale", name, float(t[at[0]]), float(t[at[-1]]), len(at),
                     f"{name} is at an end stop of its sensor ({ends}) in {len(at)} rows, first at t = "
                     f"{t[at[0]]:.6g} s; what it measured there is left out")
 
 
-def without_stops(log: Log) -> Log:
-    """The log, nothing measured where a sensor is at its end stop."""
-    cleared = {}
-    for name in SENSED:
-        x, rows = getattr(log, name).copy(), np.flatnonzero(log.in_range(name))
-        x[rows[end_stops(x[rows])]] = math.nan
-        cleared[name] = x
-    return dataclasses.replace(log, **cleared)
+def wrapped_rows(x: np.ndarray) -> np.ndarray:
+    """Return (n,) bool: the rows of x (n,), all finite, in which its number ran over to the other end of its range.
+
+    Overflow is a jump over nearly the whole range and one back, far larger than any other step; the shorter of the
+    stretches between two of them is the one beyond the end.
+    """
+    over = np.zeros(len(x), bool)
+    steps, whole = np.abs(np.diff(x)), float(np.ptp(x)) if len(x) else 0.0
+    jumps = np.flatnonzero(steps > OVERFLOW * whole)
+    others = np.delete(steps, jumps)
+    if not 2 <= len(jumps) < SELDOM * len(x) or np.max(others) * WITHOUT > OVERFLOW * whole:
+        return over
+    up = np.diff(x)[jumps] > 0.0
+    level = np.concatenate([[0], np.cumsum(np.where(up, -1, 1))])   # turns of the range to be added
+    parts = np.repeat(level, np.diff(np.concatenate([[0], jumps + 1, [len(x)]])))
+    values, counts = np.unique(parts, return_counts=True)
+    over = np.asarray(parts != values[int(np.argmax(counts))])
+    return over if np.max(np.diff(runs_of(over), axis=1)) >= LASTS else np.zeros(len(x), bool)
 
 
-def saturations(log: Log) -> dict[str, Any]:
-    """The end stops that a log's sensors show, as fields of `Config`; a range is taken for as wide to both sides."""
-    found = {}
-    for name in SENSED:
-        x = getattr(log, name)[log.in_range(name)]
-        if (at := end_stops(x)).any():
-            found[f"{name}_saturation"] = float(np.min(np.abs(x[at])))
-    return found
+def ran_over(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray) -> Iterator[Fault]:
+    """Rows of x (n,) beyond the range of its number; clears them in mask (n,) inout."""
+    rows = np.flatnonzero(mask)
+    at = rows[wrapped_rows(x[rows])]
+    if len(at):
+        mask[at] = False
+        yield Fault("stale", name, float(t[at[0]]), float(t[at[-1]]), len(at),
+                    f"{name} jumps from one end of its range to the other and back in {len(at)} rows, first at t = "
+                    f"{t[at[0]]:.6g} s: its number overflows; these rows are left out")

@@ -1,10 +1,12 @@
-"""Attitudes that were logged within one turn: a jump across +-pi is a whole turn that the logger took off.
+"""Attitudes that were logged within one turn: where such an angle jumps by a whole turn the logger took one off.
 
-The rule is the on-board estimator's: two measured values in a row of opposite sign, both near half a turn.
+Only an angle that lies within one turn is made continuous: raw counts, degrees read as radians and markers of missing
+data stay as they are, for the data check to tell.
 """
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -13,24 +15,49 @@ from .log import Log
 
 SEAM = 0.5   # rad, from half a turn: no vehicle turns by more between two rows
 ANGLES = ("theta", "theta_ref")
+TURN = 2.0 * math.pi
+FIRST = 5    # rows whose median is where an attitude starts
+MOST = 3.0   # turns: an attitude that starts farther is none in radians
+
+
+def continuous(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return an angle x (n,) [rad] with its whole turns put back, and the rows (k,) before which one was.
+
+    A jump is from one end of a turn to the other, both within SEAM of it; NaN are passed over.
+    """
+    rows = np.flatnonzero(np.isfinite(x))
+    seen = x[rows]
+    if len(seen) < 2 or np.ptp(seen) > TURN * (1.0 + 1e-3):
+        return x, rows[:0]
+    middle = 0.0 if np.min(seen) < -SEAM else math.pi  # of -pi to pi, or of 0 to 2 pi
+    off = seen - middle
+    near = np.abs(np.abs(off) - math.pi) < SEAM
+    jump = near[:-1] & near[1:] & (off[:-1] * off[1:] < 0.0)
+    if not jump.any():
+        return x, rows[:0]
+    turns = np.concatenate([[0.0], np.cumsum(np.where(jump, np.sign(off[:-1]), 0.0))])
+    whole = x.copy()
+    whole[rows] += TURN * turns
+    return whole, rows[1:][jump]
 
 
 def unwrapped(log: Log) -> tuple[Log, tuple[Fault, ...]]:
-    """The log with its whole turns put back, and what was done, one for each angle."""
-    found, columns = [], {}
+    """Return the log with its whole turns put back, and what was done, one for each angle.
+
+    An attitude that starts beyond half a turn has the whole turns of its start taken out, and theta_ref as many.
+    """
+    found, columns = list[Fault](), dict[str, Any]()
     for name in ANGLES:
-        x = getattr(log, name)
-        rows = np.flatnonzero(np.isfinite(x))
-        seen = x[rows]
-        near = np.abs(np.abs(seen) - math.pi) < SEAM
-        jump = near[:-1] & near[1:] & (seen[:-1] * seen[1:] < 0.0)
-        if not jump.any():
-            continue
-        turns = np.concatenate([[0.0], np.cumsum(np.where(jump, np.sign(seen[:-1]), 0.0))])
-        columns[name] = x.copy()
-        columns[name][rows] += 2.0 * math.pi * turns
-        at = log.t[rows[1:][jump]]
-        found.append(Fault("wrapped", name, float(at[0]), float(at[-1]), 0,
-                           f"{name} jumps across +-pi {len(at)} times, first at {at[0]:.6g} s: the whole turns are put "
-                           "back"))
-    return (replace(log, **columns) if columns else log), tuple(found)
+        columns[name], rows = continuous(getattr(log, name))
+        if len(rows):
+            at = log.t[rows]
+            found.append(Fault("wrapped", name, float(at[0]), float(at[-1]), 0,
+                               f"{name} jumps across +-pi {len(at)} times, first at {at[0]:.6g} s: the whole turns are "
+                               "put back"))
+    theta = columns["theta"][np.isfinite(columns["theta"])]
+    first = float(np.median(theta[:FIRST])) if len(theta) else 0.0
+    if turns := round(first / TURN) if abs(first) < MOST * TURN and abs(first) > math.pi + SEAM else 0:
+        columns = {name: x - TURN * turns for name, x in columns.items()}
+        found.append(Fault("turned", "theta", float(log.t[0]), float(log.t[-1]), 0,
+                           f"theta starts at {first:.4g} rad: {turns} whole turn{'s' * (abs(turns) != 1)} taken out"))
+    return (replace(log, **columns) if found else log), tuple(found)

@@ -1,7 +1,7 @@
 """The residuals of identified windows on a log, and how far ahead they predict it.
 
-residual    the weak form's (`identification.weak_form`): the increment of theta_dot over 0.2 s less the integral of the
-            terms, over that time [rad/s^2], in the window that gave the estimate
+residual    the weak form's (`launchid.weakform`): the increment of theta_dot over 0.2 s less the integral of the terms,
+            over that time [rad/s^2], in the window that gave the estimate
 prediction  theta over a horizon, run free from the measured theta and theta_dot with the measured beta, under the
             estimate of its own window and under that of the fitted window before, which has not seen it
 noise       what the sensors' noise alone leaves of both under a model without an error: of the log's own levels, by
@@ -15,6 +15,7 @@ what the window predicts.
 import dataclasses
 import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,11 +23,12 @@ from launchid_core import Estimate
 from sim.errors import InputError
 from sim.nominal import Nominal
 
-from ..first_nominal.search import noise_variance
-from ..identification.missing_terms import active_terms
-from ..identification.weak_form import INCREMENT, Rows, column, slope, usable, window_increments
+from ..log.check import checked
 from ..log.log import Log
 from ..sums import inner, square
+from ..weakform.judge import INCREMENT
+from ..weakform.rows import SLOPE, Rows, column, increments, noise_variance, slope, usable
+from ..weakform.windows import active_terms
 
 HORIZONS = (0.1, 0.5, 1.0)  # s
 APART = 2        # increments from one to the next that counts for whiteness: neighbours share a sample and its noise
@@ -106,8 +108,8 @@ def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = Non
     nominal  whose profile the estimates are of (`filtered`), None: of none;  InputError where no window was fitted or
     the log is too short.  A rate that is not measured is the attitude's slope
     """
-    rows = usable(log)
-    if rows is None:
+    rows = usable(checked(log))
+    if rows is None or rows.t[-1] - rows.t[0] < 2.0 * INCREMENT:
         raise InputError(f"{log.path}: residuals need theta and beta over more than {2.0 * INCREMENT:g} s, which the "
                          "log lacks")
     valid = [estimate for estimate in estimates if estimate.valid]
@@ -122,7 +124,8 @@ def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = Non
     alone = np.concatenate([_weak(same, estimate)[1] for estimate in valid]) - e
     fitted = [(estimate, float(each[1].mean()) if len(each[1]) else 0.0)
               for estimate, each in zip(valid, left, strict=True)]
-    return Residuals(t, e, alone, _correlation([each[1] for each in left], APART * rows.span),
+    apart = APART * max(1, round(INCREMENT / rows.period))
+    return Residuals(t, e, alone, _correlation([each[1] for each in left], apart),
                      tuple(_ahead(shaped, _joined(noisy), fitted, horizon) for horizon in HORIZONS))
 
 
@@ -134,14 +137,15 @@ def with_noise(rows: Rows, rng: np.random.Generator) -> Rows:
 
     theta, beta = drawn(rows.theta), drawn(rows.beta)
     return dataclasses.replace(rows, theta=theta, beta=beta,
-                               theta_dot=drawn(rows.theta_dot) if rows.has_rate else slope(rows.t, theta))
+                               theta_dot=drawn(rows.theta_dot) if rows.has_rate else
+                               slope(rows.t, theta, max(1, round(SLOPE / rows.period))))
 
 
 def _joined(parts: list[Rows]) -> Rows:
     """Draws of the same rows, one after the other."""
-    t, theta, gamma, theta_dot, beta = (np.concatenate([getattr(part, name) for part in parts])
-                                        for name in ("t", "theta", "gamma", "theta_dot", "beta"))
-    return Rows(t, theta, gamma, theta_dot, beta, parts[0].span, parts[0].has_rate)
+    columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts])
+                               for name in ("t", "theta", "gamma", "theta_dot", "beta")}
+    return dataclasses.replace(parts[0], **columns)
 
 
 def _weak(shaped: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
@@ -149,7 +153,7 @@ def _weak(shaped: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
     terms, (a6, k1) = active_terms(estimate), shaped.shapes(estimate)
     rows = shaped.rows
     rows = dataclasses.replace(rows, theta=a6 * rows.theta, gamma=a6 * rows.gamma, beta=k1 * rows.beta)
-    begin, end, y, phi = window_increments(rows, rows.cut(estimate.t_start, estimate.t_end), terms)
+    begin, end, y, phi = increments(rows.part(rows.cut(estimate.t_start, estimate.t_end)), terms, INCREMENT)
     return 0.5 * (begin + end), (y - phi @ _coefficients(estimate)) / (end - begin)
 
 

@@ -33,7 +33,7 @@ from sim.errors import InputError
 from sim.nominal import Nominal, Profile, constant_profile
 
 from ..identification.windows import onboard_model, run
-from ..log.log import Log
+from ..log.check import CheckedLog
 from ..monte_carlo.requirement.order_statistics import wilks_rank
 from .level import PARAMETERS, log_span, require_cover
 
@@ -79,15 +79,17 @@ class Fit:
     profile: Profile | None
 
 
-def deviations(log: Log, nominal: Nominal) -> Deviations:
+def deviations(seen: CheckedLog, nominal: Nominal) -> Deviations:
     """Identify one log with the nominal; InputError if nothing in it can be."""
+    log = seen.log
     model = onboard_model(nominal, log.period, log.path)
     require_cover(log, nominal, nominal.vehicle, "vehicle")
     first, last = log_span(log)
     rows = math.floor(min(BIN, last - first + log.period) / log.period + 1e-6)
     if rows < ROWS_LEAST:
         raise InputError(f"{log.path}: {rows} rows; expected at least {ROWS_LEAST} for a flight")
-    config = Config(window=rows * log.period, sample_period=log.period, formulation="filtered", model=model)
+    config = Config(window=rows * log.period, sample_period=log.period, formulation="filtered", model=model,
+                    max_gap=seen.bridged or None)
     estimates, _ = run(config, log.rows())
     centre = np.array([0.5 * (e.t_start + e.t_end) for e in estimates])
     believed = np.stack(nominal.vehicle.at(centre), axis=1)

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from launchid_core import BANDS, Config, Estimate, Level, Model
+from launchid_core import BANDS, Config, Estimate, Level, Model, Uncertainty
 from sim.errors import InputError
 from sim.nominal import Nominal, Profile
 from sim.shown import with_std
 
 from ..identification.windows import number, onboard_model, run
+from ..log.check import CheckedLog
 from ..log.log import Log
-from ..log.stops import saturations
 
 PARAMETERS = ("a6", "k1")
 NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last one belongs to the log's clock
@@ -52,15 +52,24 @@ def require_cover(log: Log, nominal: Nominal, profile: Profile, section: str) ->
                          f"the times of {log.path}")
 
 
-def follow(log: Log, nominal: Nominal, window: float) -> list[Estimate]:
+def follow(seen: CheckedLog, nominal: Nominal, window: float) -> list[Estimate]:
     """The estimate of every window of `window` [s], with its uncertainty level.  ValueError: a window out of range."""
+    log = seen.log
     model = ranged_model(nominal, log.period, log.path)
     assert nominal.uncertainty is not None
     require_cover(log, nominal, nominal.vehicle, "vehicle")
     require_cover(log, nominal, nominal.uncertainty, "uncertainty")
     config = Config(window=window, sample_period=log.period, formulation="filtered", model=model,
-                    **saturations(log))
-    return run(config, log.rows())[0]
+                    max_gap=seen.bridged or None)
+    estimates, _ = run(config, log.rows())
+    return [_unknown(estimate) for estimate in estimates] if seen.foreign else estimates
+
+
+def _unknown(estimate: Estimate) -> Estimate:
+    """The estimate of a log whose columns are of another quantity than their names say: no level is known."""
+    assert estimate.uncertainty is not None
+    nothing = Level(math.nan, math.nan, "undecided", (math.nan,) * len(BANDS), True, math.nan)
+    return dataclasses.replace(estimate, uncertainty=Uncertainty(False, nothing, nothing))
 
 
 def level_json(level: Level) -> dict[str, Any]:

@@ -10,9 +10,9 @@ from compiled import compiled
 from cut import cut_of
 from sealed import carried, reseal
 
-from launchid.identification.window_validation import withdrawn
 from launchid.identification.windows import next_step, onboard_model, report, run
 from launchid.robustness.level import ranged_model
+from launchid.weakform.windows import withdrawn
 from launchid_core import Config, EstimateStatus, Estimator, Status
 from launchid_core.algebra import linsolve
 from launchid_core.filter import belief as bl

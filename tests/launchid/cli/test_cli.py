@@ -101,7 +101,7 @@ def test_simulate_takes_a_built_in_nominal_by_name(launchid, tmp_path):
 
 
 def test_identify_json_has_the_contract_s_keys(launchid, folder):
-    status, out, err = launchid("identify", folder / "flight.csv", "--json", "-")
+    status, out, err = launchid("identify", folder / "flight.csv", "--window", "1", "--json", "-")
     result = strict_json(out)
     assert status == 0
     assert {"windows", "samples"} <= set(result)
@@ -111,12 +111,12 @@ def test_identify_json_has_the_contract_s_keys(launchid, folder):
         assert WINDOW_KEYS <= set(window)
         assert window["status"] in STATUSES and window["valid"] == (window["status"] == "OK")
         assert all(window[name] is None or math.isfinite(window[name]) for name in NUMBERS)
-        assert set(window["terms"]) <= {"theta", "beta"}
+        assert set(window["terms"]) <= {"theta", "beta", "1", "theta_dot"}
     assert err == ""
 
 
 def test_identify_finds_the_truth_on_ideal_sensors(launchid, folder):
-    status, out, _ = launchid("identify", folder / "ideal.csv", "--json", "-")
+    status, out, _ = launchid("identify", folder / "ideal.csv", "--window", "1", "--json", "-")
     assert status == 0
     window = strict_json(out)["windows"][8]
     assert window["a6"] == pytest.approx(2.0, rel=1e-9)
@@ -127,7 +127,7 @@ def test_identify_finds_the_truth_on_ideal_sensors(launchid, folder):
 def test_invalid_window_is_null_in_json(launchid, tmp_path):
     log = tmp_path / "still.csv"
     log.write_text("t,theta,theta_dot,beta\n" + "".join(f"{k / 100},0,0,{k % 7 / 100}\n" for k in range(200)))
-    status, out, _ = launchid("identify", log, "--json", "-")
+    status, out, _ = launchid("identify", log, "--window", "1", "--json", "-")
     windows = strict_json(out)["windows"]
     assert status == 0 and len(windows) == 2
     for window in windows:
@@ -143,7 +143,7 @@ def test_identify_whole_log_is_one_window(launchid, folder):
 
 
 def test_identify_table_is_for_people(launchid, folder):
-    status, out, _ = launchid("identify", folder / "flight.csv")
+    status, out, _ = launchid("identify", folder / "flight.csv", "--window", "1", "--formulation", "integral")
     assert status == 0
     assert out.count(" OK ") == 12 and "samples accepted 1200" in out
 
@@ -318,7 +318,7 @@ def test_missing_stamps_are_data(launchid, folder, tmp_path):
     lines = (folder / "flight.csv").read_text().splitlines(keepends=True)
     log = tmp_path / "gap.csv"
     log.write_text("".join(lines[:311] + lines[391:]))  # 3.10 s to 3.89 s
-    status, out, _ = launchid("identify", log, "--json", "-")
+    status, out, _ = launchid("identify", log, "--window", "1", "--formulation", "integral", "--json", "-")
     result = strict_json(out)
     assert status == 0
     assert result["samples"]["accepted"] == 1120
@@ -347,7 +347,7 @@ def test_one_absurd_stamp_does_not_stop_the_command(launchid, folder, tmp_path, 
     *(["identify", "LOG", option, value] for option, values in {
         "--formulation": ("weak", "filtered", "measured"), "--solver": ("omp", ""),
         "--library": ("nonsense", "", "theta^9"), "--window": ("soon", "0", "-1", "nan", "inf", "0.02", "1e9"),
-        "--compression": ("0", "-2", "1.5", "x", "99"), "--threshold": ("-1", "nan", "inf", "x"),
+        "--compression": ("0", "-2", "1.5", "x", "999"), "--threshold": ("-1", "nan", "inf", "x"),
         "--seed": ("-1", "x", "1.5", str(2**63))}.items() for value in values),
     ["identify", "LOG", "--plot", "OUT/figure.txt"],
     *(["simulate", "constant", "--out", "OUT/log.csv", option, value] for option, values in {
@@ -464,7 +464,7 @@ def test_python_m_sim_is_the_command(folder, tmp_path):
         return subprocess.run([sys.executable, "-m", "sim", *map(str, words)], cwd=ROOT, capture_output=True, text=True,
                               timeout=300, check=False)
 
-    done = run("identify", folder / "ideal.csv", "--json", "-")
+    done = run("identify", folder / "ideal.csv", "--window", "1", "--json", "-")
     assert done.returncode == 0
     assert len(strict_json(done.stdout)["windows"]) == 12
     bad = run("identify", tmp_path / "none.csv")

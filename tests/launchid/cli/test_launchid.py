@@ -304,10 +304,10 @@ def test_a_value_is_shown_to_two_digits_of_its_standard_deviation(value, std, sh
 def test_a_log_of_two_rows_gives_a_sentence(tmp_path, capsys):
     (tmp_path / "log.csv").write_text("t,theta,beta\n0,0,0\n0.01,0.1,0.1\n")
     printed = said(capsys, "identify", tmp_path / "log.csv")
-    assert "no window of 1 s is complete: the log has 2 rows over 0.01 s" in printed
+    assert "no window of 5 s is complete: the log has 2 rows over 0.01 s" in printed
     assert "t_start" not in printed
     printed = said(capsys, "uncertainty", tmp_path / "log.csv", "constant")
-    assert "no window of 1 s is complete" in printed and "in their range" not in printed
+    assert "no window of 5 s is complete" in printed and "in their range" not in printed
 
 
 def test_identify_prints_the_tracked_columns_when_asked(folder, capsys):

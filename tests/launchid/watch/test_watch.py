@@ -63,7 +63,7 @@ def nominal(folder) -> Nominal:
 def identified(folder) -> dict:
     """identify's JSON of the log, without what needs the whole log."""
     assert main(["identify", str(folder / "flight.csv"), "--nominal", str(folder / "short.toml"), "--tracked",
-                 "--json", str(folder / "identified.json")]) == 0
+                 "--window", "1", "--json", str(folder / "identified.json")]) == 0
     found = json.loads((folder / "identified.json").read_text())
     for window in found["windows"]:
         del window["fit"]
@@ -82,7 +82,7 @@ def same(a: object, b: object, relative: float) -> bool:
 
 
 class Session:
-    """A watch in a thread of its own, which ends by itself (`once`)."""
+    """A watch of windows of 1 s in a thread of its own, which ends by itself (`once`)."""
 
     def __init__(self, source: Source, nominal: Nominal, **choices) -> None:
         self.said: list[str] = []
@@ -94,7 +94,7 @@ class Session:
 
     def _run(self, source: Source, nominal: Nominal, **choices) -> None:
         try:
-            self.made = watch(source, nominal, say=self.said.append, **choices)
+            self.made = watch(source, nominal, say=self.said.append, **{"window": 1.0} | choices)
         except Exception as error:
             self.error = error
 
@@ -175,7 +175,7 @@ def rows_of(path: Path) -> list[bytes]:
 def test_watch_of_a_whole_file_is_identify_to_the_bit(folder, identified, capsys):
     period = read_log(folder / "flight.csv").period
     assert main(["watch", str(folder / "flight.csv"), "--nominal", str(folder / "short.toml"), "--once", "--json", "-",
-                 "--period", repr(period)]) == 0
+                 "--window", "1", "--period", repr(period)]) == 0
     out, err = capsys.readouterr()
     watched = json.loads(out)
     assert len(identified["windows"]) == SECONDS and len(identified["changes"]) >= 1
@@ -193,7 +193,7 @@ def test_the_period_of_the_first_rows_is_the_log_s_to_rounding(folder, nominal, 
 def test_looking_changes_no_bit(folder, nominal, identified):
     """Numbers are asked for after every single row."""
     log = read_log(folder / "flight.csv")
-    follower = Follower("log", nominal, period=log.period)
+    follower = Follower("log", nominal, window=1.0, period=log.period)
     lines = Lines("log", True, lambda text: None)
     for row in rows_of(folder / "flight.csv"):
         for each in lines.logs(row):
@@ -206,7 +206,7 @@ def test_looking_changes_no_bit(folder, nominal, identified):
 
 
 def test_the_page_is_told_the_report_s_numbers(folder, nominal, identified):
-    follower = Follower("log", nominal)
+    follower = Follower("log", nominal, window=1.0)
     follow(open_source(str(folder / "flight.csv"), once=True), Lines("log", True, print), follower)
     follower.tick("ended")
     told, _ = message(follower.live, None)
@@ -661,7 +661,7 @@ def launched(*words: object, **more) -> subprocess.Popen:
 
 @pytest.mark.skipif(os.name != "posix", reason="SIGINT to a process")
 def test_ctrl_c_ends_it_with_the_answer(folder):
-    command = launched(folder / "flight.csv", "--nominal", folder / "short.toml", "--json", "-")
+    command = launched(folder / "flight.csv", "--nominal", folder / "short.toml", "--window", "1", "--json", "-")
     said = iter(functools.partial(command.stderr.readline), "")
     port = next(int(found[1]) for line in said if (found := re.search(r"127\.0\.0\.1:(\d+)/", line)))
     Session.until(lambda: json.loads(asked(port, "/state")[2])["now"].get("rows") == 1200)

@@ -49,7 +49,7 @@ def rows(nominal) -> list[bytes]:
 
 def followed(nominal: Nominal, *pieces: bytes) -> Follower:
     """The follower of these pieces, at their end."""
-    follower, lines = Follower("udp:1", nominal), Lines("udp:1", False, lambda text: None)
+    follower, lines = Follower("udp:1", nominal, window=1.0), Lines("udp:1", False, lambda text: None)
     for piece in pieces:
         for log in lines.logs(piece):
             follower.take(log)

@@ -82,7 +82,7 @@ def logs(lines: Lines, data: bytes, piece: int) -> dict[str, np.ndarray]:
 
 
 def test_a_foreign_csv_is_watched_as_its_conversion(folder, capsys):
-    words = ("--nominal", folder / "n.toml", "--once", "--json", "-")
+    words = ("--nominal", folder / "n.toml", "--window", "1", "--once", "--json", "-")
     status, mapped_out, err = watched(capsys, folder / "foreign.csv", "--map", folder / "map.toml", *words)
     assert status == 0 and len(err.splitlines()) == 1, err
     status, plain, _ = watched(capsys, folder / "converted.csv", *words)

@@ -1,0 +1,419 @@
+"""The judge of windows that no nominal judges: each assumption of the numbers is tested on this log.
+
+Three answers: it holds; it does not hold (`Lack`: what, how much, what to do); it could not be asked (`UNCHECKED`, with
+what would allow it). The question is put once, in pieces of PIECE seconds of the whole log, whatever the windows are,
+and what the log shows holds for each window whose numbers it would move. Asked is, in this order, whether beta is known
+between its own values, whether it acts when it is logged, whether beta of another time explains as much (placebo),
+whether a term that the answer lacks explains what is left, and whether what is left is as white as the noise was taken.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..sums import combined, square
+from .fit import Fit, gls, least, noise_likelihood, rest, solved, spectrum, whiteness
+from .rows import FAST_THETA, Modes, Rows, ends_of, fast_part, increments, later, regression, term_modes, values_of
+
+PIECE = 5.0          # s over which one set of coefficients holds while the log is asked,
+ROWS = 250           # and rows: of a slow log the vehicle is slower, too
+MOST_PIECES = 60     # evenly over a longer log: the work is bounded
+PER_COEFFICIENT = 5  # modes, without which an answer cannot be tested
+STRETCH = 1.0        # s, the least stretch without a gap: what is slower, and a shift of beta, is not seen in shorter
+SURE = 5.0           # standard deviations of a term that is there
+SHIFT = 3.0          # the same of a shift of beta
+TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
+ONE_COLUMN = 0.98    # of a column's square that others explain (|correlation| 0.99): it is one with them in this log
+SIMPLER = 0.7        # of the gain of the best term, for which a simpler one is preferred
+SEEN = 5.0           # times its sensor's noise: less of a fast theta is told from it by chance
+RUNS = 3.0           # times its fast part, that all of theta is where it runs along a flight path
+LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
+MOST_DELAY = 0.3     # s either way
+DELAY_STEP = 0.0125  # s of the first search
+SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
+SAME_INPUT = 0.9     # |correlation| of a shifted beta with itself: an input that repeats is no placebo
+BEYOND = 0.5         # of the likelihood that beta gains, that the best placebo must not
+MOST_PLACEBO = 12    # pieces, evenly over the log, of which placebos are asked
+WIDE = 15.0          # rad/s: shares are told of changes over 0.2 s and more
+FINE_BANDS = 24      # in which the rest is asked whether it is white
+WHITE = 1.0e-6       # p-value below which the rest is not as white as its noise
+STRONG = 0.05        # of the changes of theta_dot, that a term explains beside a beta that is no input of them
+MOST_LACKS = 3
+MOST = 0.5           # of the error of rows left out
+FOLDS = 3            # parts of the log that are left out in turn
+INCREMENT = 0.2      # s, of theta_dot, that a fit is shown to predict: sensor noise is small beside it
+LIBRARY = ("1", "theta_dot", "sin(theta)", "sign(theta_dot)", "beta^2")  # terms that a library may have
+LACKING = ("1", "theta_dot", "gamma", FAST_THETA, "sin(theta)", "sign(theta_dot)", "beta^2",
+           "beta_ddot")  # terms that an answer may lack, the simpler first
+
+
+@dataclass(frozen=True)
+class Lack:
+    """Something that an answer lacks, or for which no answer can be believed.
+
+    what     a term; `delay`, `clock`, `placebo`, `interpolated`, `unexplained`, `coefficients`
+    before, after   share of the weighted squares that is explained without and with it
+    size     coefficient of the term [its units], delay [s], frequency [rad/s]; None for the others
+    std      its standard deviation;  is_most  with it half of the error of rows left out is gone
+    """
+
+    what: str
+    before: float = math.nan
+    after: float = math.nan
+    size: float | None = None
+    std: float = math.nan
+    is_most: bool = False
+
+    @property
+    def shares(self) -> str:
+        """The shares that are explained with it and without it, in words."""
+        return (f"with it {100.0 * self.after:.3g} % of the changes of theta_dot are explained, without "
+                f"{100.0 * self.before:.3g} %")
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A stretch of the log with one set of coefficients of the answer's terms."""
+
+    rows: Rows
+    modes: Modes
+    fit: Fit
+    likelihood: np.ndarray
+
+    @property
+    def weight(self) -> np.ndarray:
+        """One over the standard deviation (n,) of each mode."""
+        return np.asarray(1.0 / np.sqrt(self.fit.variance))
+
+    def unexplained(self, phi: np.ndarray) -> float:
+        """Return the weighted squares that columns (n, q) leave."""
+        w = self.weight
+        table = np.column_stack([phi, self.modes.ends])
+        return square(rest(table * w[:, None], self.modes.y * w))
+
+    def with_beta(self, terms: tuple[str, ...], beta: np.ndarray) -> np.ndarray:
+        """Return the columns (n, q) of terms with another beta (rows,)."""
+        rows, phi = self.rows, self.modes.phi.copy()
+        places = [k for k, term in enumerate(terms) if "beta" in term]
+        values = np.column_stack([values_of(rows, terms[k], rows.attack, rows.theta_dot, beta) for k in places])
+        ends = ends_of(rows, tuple(terms[k] for k in places), values, beta)
+        phi[:, places] = regression(rows, values, ends, np.zeros((0, 0)), np.zeros(0)).phi
+        return phi
+
+    def moved(self, terms: tuple[str, ...], lead: float) -> "Piece":
+        """Return the piece with a beta that acts later [s]."""
+        beta = later(self.rows, lead)
+        return replace(self, rows=replace(self.rows, beta=beta),
+                       modes=replace(self.modes, phi=self.with_beta(terms, beta)))
+
+    def shifted(self, terms: tuple[str, ...], lead: float) -> np.ndarray:
+        """Return the columns (n, q) of terms with a beta that acts later [s]."""
+        return self.with_beta(terms, later(self.rows, lead))
+
+    def of_term(self, terms: tuple[str, ...], term: str) -> tuple[float, float, float, float]:
+        """Return (coefficient over variance, 1 over variance, what others leave of its column, all of its column) of a
+        term beside others; the coefficient is 0 where it cannot be told."""
+        m, w = term_modes(self.rows, (*terms, term)), self.weight
+        z = m.phi[:, -1] * w
+        xi, covariance = solved(m, self.fit.variance)
+        left = square(rest(m.phi[:, :-1] * w[:, None], z))
+        if covariance is None:
+            return 0.0, 0.0, left, square(z)
+        return float(xi[-1] / covariance[-1, -1]), 1.0 / float(covariance[-1, -1]), left, square(z)
+
+
+@dataclass(frozen=True)
+class Lead:
+    """The time by which beta leads what it causes [s], and its standard deviation.
+
+    grows    [s/s] over the log, where that is sure: two clocks;  middle [s] when it is `value`
+    """
+
+    value: float
+    std: float
+    grows: float = 0.0
+    middle: float = 0.0
+
+    def at(self, rows: Rows) -> float:
+        """Return the lead [s] in the middle of some rows."""
+        return self.value + self.grows * (0.5 * float(rows.t[0] + rows.t[-1]) - self.middle)
+
+    @property
+    def json(self) -> dict[str, float]:
+        """The delay as the JSON has it."""
+        return {"value": self.value, "std": self.std}
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether beta leads or lags."""
+        return abs(self.value) > SHIFT * self.std
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """A log that is asked: its pieces under the answer's terms, the shift of beta, and what is lacking."""
+
+    rows: Rows
+    terms: tuple[str, ...]
+    pieces: list[Piece]
+    lead: Lead | None
+    lacks: list[Lack]
+    unchecked: str = ""
+    known: dict[str, tuple[float, float]] = field(default_factory=dict)   # of optional terms: coefficient, deviation
+
+
+def pieces_of(rows: Rows, terms: tuple[str, ...]) -> list[Piece]:
+    """Return the pieces that have rows enough, with the noise of all of them together."""
+    count = max(1, round((rows.t[-1] - rows.t[0]) / max(PIECE, ROWS * rows.period)))
+    edges = np.linspace(rows.t[0], rows.t[-1] + rows.period, count + 1)
+    parts = [rows.part(rows.cut(a, b)) for a, b in itertools.pairwise(edges.tolist())]
+    asked = parts if len(parts) <= MOST_PIECES else \
+        [parts[k] for k in np.linspace(0, len(parts) - 1, MOST_PIECES).round().astype(int)]
+    made = [(part, term_modes(part, terms)) for part in asked if len(part.t) > 1]
+    made = [(part, m) for part, m in made if len(m.y) >= PER_COEFFICIENT * (len(terms) + 1)]
+    if not made:
+        return []
+    likelihoods = [noise_likelihood(m)[0] for _, m in made]
+    whole = np.sum(likelihoods, axis=0)
+    fits = [Piece(part, m, gls(m, whole), own) for (part, m), own in zip(made, likelihoods, strict=True)]
+    return [piece for piece in fits if not piece.fit.is_singular]
+
+
+def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...] = ()) -> Question:
+    """Put the question to a log for an answer of these terms; of `optional` those that are more than their deviation
+    belong to it too."""
+    if rows is None:
+        return Question(rows, terms, [], None, [], "theta and beta have no two rows together")  # type: ignore[arg-type]
+    typical = rows.stretch
+    if typical < min(STRETCH, 0.9 * (rows.t[-1] - rows.t[0])):
+        return Question(rows, terms, [], None, [], f"gaps leave stretches of {typical:.2g} s: a shift of beta, and "
+                        f"what is slower, cannot be tested; log at least {STRETCH:g} s without a gap")
+    pieces = pieces_of(rows, terms)
+    if not pieces:
+        n = len(rows.t)
+        return Question(rows, terms, [], None, [], f"{n} rows are too few to test {len(terms)} coefficients, or theta "
+                        "and beta hardly move; log longer, or more often")
+    known = {}
+    for term in optional:
+        size, std, gain, _ = pooled(pieces, terms, term)
+        more = pieces_of(rows, (*terms, term)) if gain > 0.0 and abs(size) > std else []
+        if more:
+            terms, pieces, known[term] = (*terms, term), more, (size, std)
+    lead = lead_of(pieces, terms, rows)
+    lacks = lacks_of(pieces, terms, lead, rows)
+    wider = (*terms, *(lack.what for lack in lacks if lack.what in LACKING))
+    asked = pieces if wider == terms else pieces_of(rows, wider) or pieces
+    wider = terms if asked is pieces else wider
+    clear = any(lack.is_most for lack in lacks)
+    if not clear and placebo(asked, wider, rows, lead):   # of a beta that explains nothing no shift is proved
+        strong = [lack for lack in lacks if lack.what not in ("delay", "clock") and lack.after - lack.before > STRONG]
+        return Question(rows, terms, pieces, None, [*strong, Lack("placebo")], known=known)
+    return Question(rows, terms, pieces, lead, lacks, known=known)
+
+
+# ---- terms
+
+
+def pooled(pieces: list[Piece], terms: tuple[str, ...], term: str) -> tuple[float, float, float, float]:
+    """Return (coefficient, standard deviation, gain, share of the column that others explain) of a term that has one
+    coefficient in all pieces, beside terms that have one in each."""
+    above, below, left, whole = np.sum([piece.of_term(terms, term) for piece in pieces], axis=0).tolist()
+    if not below > 0.0:
+        return 0.0, math.inf, 0.0, 1.0
+    return above / below, 1.0 / math.sqrt(below), above**2 / below, 1.0 - left / whole
+
+
+def lacks_of(pieces: list[Piece], terms: tuple[str, ...], lead: Lead | None, rows: Rows) -> list[Lack]:
+    """Return what the answer lacks: a shift of beta, then terms, of those that explain about as much the simplest
+    first."""
+    found = []
+    before = explained(pieces, terms)
+    if lead is not None and lead.grows:
+        return [Lack("clock", before, before, lead.grows)]
+    if lead is not None and lead.is_sure:
+        found.append(Lack("delay", before, explained(pieces, terms, lead.value), lead.value, lead.std))
+    if lead is not None:   # a shift is a nuisance, and is in before terms are asked for
+        pieces = [piece.moved(terms, lead.value) for piece in pieces]
+    total = sum(square(piece.modes.y * piece.weight) for piece in pieces)
+    fast = fast_part(rows)   # where theta runs far beside it, a flight path that is missing comes before all else
+    path = FAST_THETA if np.var(rows.theta) > RUNS**2 * np.var(fast) else ""
+    bent, cut = bool(np.ptp(rows.attack) > LARGE), rows.stretch < min(PIECE, 0.9 * (rows.t[-1] - rows.t[0]))
+    names = [term for term in LACKING if term not in terms and (term != "sin(theta)" or bent)
+             and (term != "gamma" or rows.has_gamma) and (term != "beta_ddot" or rows.has_rate)
+             and not (cut and term in ("beta_ddot", FAST_THETA))   # which the ends of stretches spoil
+             and (term != FAST_THETA or (not (rows.has_gamma or "sin(theta)" in terms)
+                  and np.var(fast) > SEEN**2 * rows.theta_noise))]
+    for _ in range(MOST_LACKS):   # what halves the error of rows left out is a lack, whatever the noise was taken for
+        left = ahead(rows, terms)
+        with_it = {term: ahead(rows, (*terms, term)) for term in names if term not in terms}
+        better = [term for term, x in with_it.items() if x < MOST * left and left - x > TOLERANCE**2]
+        if not better:
+            break
+        least_left = min(with_it[term] for term in better)
+        term = next(term for term in better if with_it[term] < least_left / SIMPLER)
+        _, _, y, phi = increments(rows, (*terms, term), INCREMENT)
+        found.append(Lack(term, 1.0 - left, 1.0 - with_it[term], float(least(phi, y)[-1]), is_most=True))
+        terms = (*terms, term)
+    before = explained(pieces, terms)
+    for _ in range(MOST_LACKS):
+        asked = {term: pooled(pieces, terms, term) for term in names if term not in terms}
+        sure = {term: each for term, each in asked.items()
+                if each[2] > (SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total))
+                and (each[3] < ONE_COLUMN or term == "gamma")}
+        if not sure:
+            break
+        best = max(each[2] for each in sure.values())
+        term = next(term for term in sure if sure[term][2] >= SIMPLER * best or term in ("gamma", path))
+        terms = (*terms, term)
+        after = explained(pieces, terms)
+        found.append(Lack(term, before, after, *sure[term][:2]))
+        before = after
+    return found
+
+
+def ahead(rows: Rows, terms: tuple[str, ...]) -> float:
+    """Return the share of the variance of theta_dot's increments over INCREMENT that is not predicted in FOLDS parts of
+    the log, each by the coefficients of the others."""
+    begin, _, y, phi = increments(rows, terms, INCREMENT)
+    if len(y) < FOLDS * PER_COEFFICIENT * (len(terms) + 1):
+        return 1.0
+    fold = np.minimum((FOLDS * (begin - begin[0]) / max(begin[-1] - begin[0], 1e-300)).astype(int), FOLDS - 1)
+    left = 0.0
+    for k in range(FOLDS):
+        out = fold == k
+        if not out.any() or out.all():
+            continue
+        e = y[out] - combined(phi[out], least(phi[~out], y[~out]))
+        left += square(e - e.mean())
+    whole = square(y - y.mean())
+    return min(left / whole, 1.0) if whole > 0.0 else 1.0
+
+
+def explained(pieces: list[Piece], terms: tuple[str, ...], lead: float = 0.0) -> float:
+    """Return the share of the changes of theta_dot that terms explain, of those slower than WIDE."""
+    left = whole = 0.0
+    for piece in pieces:
+        m = piece.modes
+        slow = m.frequency < WIDE
+        phi = piece.shifted(terms, lead) if lead else term_modes(piece.rows, terms).phi
+        left += square(rest(phi[slow], m.y[slow]))
+        whole += square(m.y[slow])
+    return max(1.0 - left / whole, 0.0) if whole > 0.0 else 0.0
+
+
+# ---- the input
+
+
+def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | None:
+    """Return the time by which beta leads what it causes: the shift at which the terms leave least; None where beta is
+    in no term, or the best shift is at the end of the search."""
+    if not any("beta" in term for term in terms):
+        return None
+
+    def left(lead: float, of: list[Piece]) -> float:
+        return sum(piece.unexplained(piece.shifted(terms, lead)) for piece in of)
+
+    def best(of: list[Piece]) -> tuple[float, float] | None:
+        grid = DELAY_STEP * np.arange(-round(MOST_DELAY / DELAY_STEP), round(MOST_DELAY / DELAY_STEP) + 1)
+        at = [left(lead, of) for lead in grid.tolist()]
+        k = int(np.argmin(at))
+        if not 0 < k < len(grid) - 1:
+            return None
+        value, std = float(grid[k]), None
+        for step in (DELAY_STEP, 0.25 * DELAY_STEP, 0.1 * DELAY_STEP):
+            low, middle, high = (left(value + side * step, of) for side in (-1, 0, 1))
+            bend = low - 2.0 * middle + high
+            if not bend > 0.0:   # flatter than the numbers' own error
+                break
+            value += step * float(np.clip(0.5 * (low - high) / bend, -1.0, 1.0))
+            std = step * math.sqrt(2.0 / bend)
+        return None if std is None else (value, std)
+
+    whole = best(pieces)
+    if whole is None:
+        return None
+    if len(pieces) >= 6:
+        third = len(pieces) // 3
+        first, last = best(pieces[:third]), best(pieces[-third:])
+        if first is not None and last is not None:
+            off = last[0] - first[0]
+            if abs(off) > SHIFT * math.hypot(first[1], last[1]) and abs(off) > rows.period:
+                begin, end = (0.5 * float(of[0].rows.t[0] + of[-1].rows.t[-1])
+                              for of in (pieces[:third], pieces[-third:]))
+                return Lead(0.5 * (first[0] + last[0]), whole[1], off / (end - begin), 0.5 * (begin + end))
+    return Lead(*whole)
+
+
+def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead | None) -> bool:
+    """Whether beta of another time explains the motion about as well as beta, shifted to when it acts, does.
+
+    Each has the noise that is most likely with it: what a beta that acts does not explain is white, what another one
+    does not explain wanders. An input that repeats explains as much a period later, and is left out.
+    """
+    if not any("beta" in term for term in terms):
+        return False
+    few = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, MOST_PLACEBO).round().astype(int))]
+
+    def likelihood(columns: list[np.ndarray]) -> float:
+        each = [noise_likelihood(replace(piece.modes, phi=phi))[2] for piece, phi in zip(few, columns, strict=True)]
+        return float(np.max(np.sum(each, axis=0)))
+
+    others = [k for k, term in enumerate(terms) if "beta" not in term]
+    none = likelihood([piece.modes.phi[:, others] for piece in few])
+    own, most = likelihood([piece.modes.phi for piece in few]), none
+    if lead is not None:
+        own = max(own, likelihood([piece.shifted(terms, lead.at(piece.rows)) for piece in few]))
+    for share in SHIFTS:
+        moved = np.roll(rows.beta, round(share * len(rows.t)))
+        if abs(np.corrcoef(moved, rows.beta)[0, 1]) > SAME_INPUT:
+            continue
+        at = [rows.cut(piece.rows.t[0], piece.rows.t[-1] + 0.5 * rows.period) for piece in few]
+        most = max(most, likelihood([piece.with_beta(terms, moved[part]) for piece, part in zip(few, at, strict=True)]))
+    return own - most < max(0.5 * SURE**2, BEYOND * (own - none))
+
+
+# ---- a window
+
+
+def moved_by(rows: Rows, terms: tuple[str, ...], fit: Fit, lack: Lack, m: Modes) -> np.ndarray:
+    """Return by how much the coefficients (q,) of a window would move with what it lacks."""
+    w, size = 1.0 / np.sqrt(fit.variance), lack.size or 0.0
+    phi = m.phi * w[:, None]
+    if lack.what == "delay":
+        other = Piece(rows, m, fit, np.zeros(0)).shifted(terms, size) * w[:, None]
+        return least(other, m.y * w) - least(phi, m.y * w)
+    return size * least(phi, term_modes(rows, (lack.what,)).phi[:, 0] * w)
+
+
+def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray, fit: Fit, m: Modes,
+            lacks: list[Lack]) -> list[Lack]:
+    """Return the lacks for which a window with coefficients xi (q,) +- std (q,) is refused: those with which none can
+    be believed, and those that would move a coefficient by more than its deviation and TOLERANCE, of itself and of the
+    largest term."""
+    sizes = np.sqrt(np.sum(m.phi**2, axis=0))
+    largest = TOLERANCE * float(np.max(np.abs(xi) * sizes, initial=0.0))
+    if any(lack.what == "placebo" for lack in lacks):
+        return lacks
+    found = []
+    for lack in lacks:
+        if lack.is_most or lack.what == "clock":
+            found.append(lack)
+            continue
+        by = np.abs(moved_by(rows, terms, fit, lack, m))
+        if np.any((by > np.maximum(std, TOLERANCE * np.abs(xi))) & (by * sizes > largest)):
+            found.append(lack)
+    return found
+
+
+def left_over(fit: Fit, m: Modes) -> tuple[float | None, Lack | None]:
+    """Return (the p-value of the rest being white where the coefficients are from, what it is not)."""
+    frequency, squares, many, share = spectrum(fit, m, FINE_BANDS)
+    asked = share > TOLERANCE
+    squares = np.maximum(squares, 1.0)   # less noise than was taken widens the deviations, and is no contradiction
+    p = whiteness(squares[asked], many[asked])
+    if p is None or p >= WHITE:
+        return p, None
+    worst = int(np.argmax(np.where(asked, many * (squares - 1.0 - np.log(squares)), 0.0)))
+    return p, Lack("unexplained", size=float(frequency[worst]), after=float(squares[worst]))

@@ -1,0 +1,400 @@
+"""The rows of the weak form, and its regression in the frequencies of each stretch of a log.
+
+Over a row, theta_dot changes by the integrals of the terms and an accumulated disturbance; a white sensor noise v is
+differenced:
+
+    theta_dot[k+1] - theta_dot[k] = sum xi_j (F_j[k+1] - F_j[k]) + w[k] + v[k+1] - v[k],     F_j the integral of term j
+
+The covariance of the right side, q h on the diagonal and r (2, -1) on three, has the sines
+
+    sin(pi j k/(n + 1)),     variance  q h + r lambda_j,     lambda_j = 2 - 2 cos(pi j/(n + 1))
+
+as its eigenvectors (DST-I), whatever q and r are: in them every row is independent, and generalised least squares is
+a weight for each. Where theta_dot is not measured, the slope of theta over each row stands for it, and the columns
+are means over the row.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from launchid_core import parse_term
+
+from ..log.check import BRIDGED, CheckedLog
+from ..log.rates import HELD
+from ..sums import products
+
+FINE = 0.005         # s from row to row: nothing that a vehicle does is faster
+MOST_ROWS = 50_000   # that are judged: of a long log means of more of them
+LEAST_STEP = 1.0e-6  # of the median step: nothing is known of a rate between stamps that are nearer
+ABSURD = 1000.0      # times the log's length: a stamp further from its middle is no time of this log
+GAP = 1.5            # median steps: no row reaches over a longer one
+SLOPE = 0.05         # s to either side of a rate that is the slope of a column, where a rate is a term
+FEWEST = 4           # rows of a stretch
+BRIEF = 0.02         # s of a slope of beta: a nozzle does nothing faster
+FAST = 1.0           # s: what theta does in a shorter time is its fast part
+FAST_THETA = "fast theta"
+NUDGE = 1.0e-6      # rad, rad/s: of a difference quotient
+FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The usable rows of a log: times that increase, everything finite.
+
+    t [s], theta, gamma [rad] (0 where no flight path is known), theta_dot [rad/s], beta (n,)
+    has_rate   theta_dot was measured, not made of theta;  has_gamma  a flight path is known
+    bounds     first rows of the stretches without a gap, and the number of rows
+    is_held    beta acts from each of its values to the next
+    theta_noise, rate_noise  variances of the sensors' white noise, of theta and theta_dot, as their rows show it
+    """
+
+    t: np.ndarray
+    theta: np.ndarray
+    gamma: np.ndarray
+    theta_dot: np.ndarray
+    beta: np.ndarray
+    has_rate: bool
+    has_gamma: bool
+    bounds: np.ndarray
+    theta_noise: float = 0.0
+    rate_noise: float = 0.0
+    is_held: bool = False
+
+    @property
+    def attack(self) -> np.ndarray:
+        """Angle of attack theta - gamma [rad], which a6 multiplies."""
+        return self.theta - self.gamma
+
+    @property
+    def period(self) -> float:
+        """Median step [s]."""
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def stretch(self) -> float:
+        """Length [s] of the stretch without a gap that the median row is in."""
+        rows = np.diff(self.bounds)
+        return float(np.median(np.repeat(rows, rows))) * self.period
+
+    def cut(self, t_start: float, t_end: float) -> slice:
+        """Return the rows of a window."""
+        first, end = np.searchsorted(self.t, (t_start, t_end)).tolist()
+        return slice(first, end)
+
+    def part(self, at: slice) -> "Rows":
+        """Return some of the rows."""
+        n = len(self.t[at])
+        inside = self.bounds[(self.bounds > at.start) & (self.bounds < at.stop)] - at.start
+        return replace(self, **{name: getattr(self, name)[at] for name in ("t", "theta", "gamma", "theta_dot", "beta")},
+                       bounds=np.concatenate([[0], inside, [n]]))
+
+
+def usable(seen: CheckedLog) -> Rows | None:
+    """Return the rows of a log; None where they make no stretch.
+
+    One or two missing cells in a row are bridged by lines; a rate that is not measured is the slope of theta.
+    """
+    log = seen.log
+    times = log.in_range("t")
+    if np.count_nonzero(times) < FEWEST:
+        return None
+    times[times] = near_all(log.t[times], log.period)
+    times[times] = forward(log.t[times], LEAST_STEP * log.period)
+    t, has_rate = log.t[times], bool(np.mean(log.in_range("theta_dot")) > 0.5)
+    names = ("theta", "beta", "theta_dot") if has_rate else ("theta", "beta")
+    columns, there = dict[str, np.ndarray](), np.ones(len(t), bool)
+    for name in names:
+        columns[name], known = bridged(t, np.where(log.in_range(name), getattr(log, name), math.nan)[times])
+        there &= known
+    if np.count_nonzero(there) < FEWEST:
+        return None
+    t, row = t[there], np.flatnonzero(there)
+    theta, beta = columns["theta"][there], columns["beta"][there]
+    path = log.flight_path[times][there]
+    rate = columns["theta_dot"][there] if has_rate else slope(t, theta, max(1, round(SLOPE / log.period)))
+    step = np.diff(t)
+    cuts = np.flatnonzero((step > GAP * np.median(step)) | (np.diff(row) > 1)) + 1
+    rows = Rows(t, theta, path_angle(t, path), rate, beta, has_rate, bool(np.isfinite(path).any()),
+                np.concatenate([[0], cuts, [len(t)]]), is_held=seen.rates["beta"].kind == HELD)
+    return with_noise_levels(thinned(rows))
+
+
+def with_noise_levels(rows: Rows) -> Rows:
+    """Return the rows with the noise of their sensors."""
+    return replace(rows, theta_noise=noise_variance(rows.theta),
+                   rate_noise=noise_variance(rows.theta_dot) if rows.has_rate else 0.0)
+
+
+def bridged(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (x with runs of at most BRIDGED missing cells filled by lines, (n,) bool where x is known then)."""
+    good = np.isfinite(x)
+    if good.all() or not good.any():
+        return x, good
+    at = np.arange(len(x))
+    before = np.maximum.accumulate(np.where(good, at, -len(x)))
+    after = np.minimum.accumulate(np.where(good, at, 2 * len(x))[::-1])[::-1]
+    known = good | (after - before <= BRIDGED + 1)
+    return np.interp(t, t[good], x[good]), known
+
+
+def thinned(rows: Rows) -> Rows:
+    """Return the rows as means over as many of them as make FINE, or leave MOST_ROWS.
+
+    All that is linear between the columns holds of their means too.
+    """
+    many = max(int(FINE / rows.period * (1.0 + 1e-9)), math.ceil(len(rows.t) / MOST_ROWS))
+    if many < 2:
+        return rows
+    if rows.is_held:   # by lines between the rows it has the integral of its steps where it is the mean of both
+        rows = replace(rows, beta=0.5 * (rows.beta + before(rows.beta)), is_held=False)
+    whole = [(a, b - (b - a) % many) for a, b in zip(rows.bounds[:-1].tolist(), rows.bounds[1:].tolist(), strict=True)]
+    whole = [(a, b) for a, b in whole if b - a >= FEWEST * many]
+    if not whole:
+        return rows
+    at = np.concatenate([np.arange(a, b) for a, b in whole])
+    means = {name: getattr(rows, name)[at].reshape(-1, many).mean(axis=1)
+             for name in ("t", "theta", "gamma", "theta_dot", "beta")}
+    return replace(rows, **means, bounds=np.cumsum([0, *((b - a) // many for a, b in whole)]))
+
+
+def path_angle(t: np.ndarray, gamma: np.ndarray) -> np.ndarray:
+    """Return the flight-path angle [rad] at every stamp t (n,) [s]: linear between the measured ones, 0 where none."""
+    known = np.isfinite(gamma)
+    return np.interp(t, t[known], gamma[known]) if known.any() else np.zeros(len(t))
+
+
+def slope(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
+    """Return the difference quotient (n,) of x (n,) over so many rows before and after, what there is at the ends."""
+    if len(t) < 2:
+        return np.zeros(len(t))
+    at = np.arange(len(t))
+    before, after = np.maximum(at - rows, 0), np.minimum(at + rows, len(t) - 1)
+    return np.asarray((x[after] - x[before]) / (t[after] - t[before]))
+
+
+def near_all(t: np.ndarray, period: float) -> np.ndarray:
+    """Return the stamps that are times of this log, as a mask."""
+    return np.abs(t - np.median(t)) <= ABSURD * len(t) * period if len(t) else np.zeros(0, bool)
+
+
+def forward(t: np.ndarray, least: float) -> np.ndarray:
+    """Return the stamps that go forward by more than `least` [s]: later than all before, or earlier than all after,
+    whichever leaves more (one stamp too late spoils the first, one too early the second)."""
+    if len(t) == 0:
+        return np.zeros(0, bool)
+    later = np.concatenate([[True], t[1:] - np.maximum.accumulate(t)[:-1] > least])
+    earlier = np.concatenate([np.minimum.accumulate(t[::-1])[::-1][1:] - t[:-1] > least, [True]])
+    return later if np.count_nonzero(later) >= np.count_nonzero(earlier) else earlier
+
+
+def column(term: str, attack: np.ndarray, theta_dot: np.ndarray, beta: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """Return a library term (n,) of its variables (n,), `attack` being its theta."""
+    *powers, function, argument = parse_term(term)
+    variables = (attack, theta_dot, beta, tau)
+    value = np.ones(len(attack))
+    for power, x in zip(powers, variables, strict=True):
+        value = value * x**power
+    return value * FUNCTIONS[function](variables[argument]) if function else value
+
+
+def bends(t: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return what the integral (n - 1,) of x (n,) over each step is less than the trapezium's: by the mean bend of the
+    parabolas through either neighbour (Gregory's rule)."""
+    step = np.diff(t)
+    bend = np.zeros(len(t))
+    bend[1:-1] = np.diff(np.diff(x) / step) / (t[2:] - t[:-2])
+    known = np.concatenate([[0.0], np.ones(max(len(t) - 2, 0)), [0.0]])
+    return np.asarray(step**3 / 6.0 * (bend[1:] + bend[:-1]) / np.maximum(known[1:] + known[:-1], 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """A regression in the sines of each stretch: y = phi xi + noise, one row a mode.
+
+    y (n,) of theta_dot;  phi (n, q) of the terms;  doubt (n, q) what the quadrature of each may be off
+    curl (n,)  lambda: of white noise on theta_dot;  step (n,) [s] of the rows that it is of
+    frequency (n,) [rad/s]
+    ends (n, k)  what the noise of theta before the first row and behind the last of each stretch is in them, where
+    theta_dot is made of theta: the rest of that noise is independent then
+    sensor (q, q)  mean products of what white noise of the sensors makes of the terms;  motion (q,)  of that of theta
+    alone, by which the slope of theta has it too
+    """
+
+    y: np.ndarray
+    phi: np.ndarray
+    doubt: np.ndarray
+    curl: np.ndarray
+    step: np.ndarray
+    frequency: np.ndarray
+    has_rate: bool
+    ends: np.ndarray
+    sensor: np.ndarray
+    motion: np.ndarray
+
+
+def sines(x: np.ndarray) -> np.ndarray:
+    """Return the orthonormal DST-I (n, k) of columns x (n, k)."""
+    n = len(x)
+    odd = np.zeros((2 * (n + 1), x.shape[1]))
+    odd[1:n + 1] = x
+    odd[n + 2:] = -x[::-1]
+    return np.asarray(-np.fft.rfft(odd, axis=0).imag[1:n + 1] / math.sqrt(2.0 * (n + 1)))
+
+
+def before(x: np.ndarray) -> np.ndarray:
+    """Return the values (n,) of the rows before those of x (n,)."""
+    return np.concatenate([x[:1], x[:-1]])
+
+
+def areas(t: np.ndarray, values: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the integrals (n - 1, q) of terms over the steps of t (n,), and what Gregory's rule adds to the trapezium.
+
+    values, ends (n, q)  at the rows, as a step begins and as the one before it ends: they differ by a held input
+    """
+    step, off = np.diff(t), np.zeros((len(t) - 1, values.shape[1]))
+    for k in np.flatnonzero(np.all(values == ends, axis=0)).tolist():
+        off[:, k] = bends(t, values[:, k])
+    return 0.5 * step[:, None] * (ends[1:] + values[:-1]) - off, off
+
+
+def regression(rows: Rows, values: np.ndarray, ends: np.ndarray, sensor: np.ndarray, motion: np.ndarray) -> Modes:
+    """Return the regression of theta_dot on terms given by their values and ends (n, q) at the rows (`areas`)."""
+    parts, ends_of_stretch = list[tuple[np.ndarray, ...]](), list[np.ndarray]()
+    q = values.shape[1]
+    for a, b in zip(rows.bounds[:-1].tolist(), rows.bounds[1:].tolist(), strict=True):
+        if b - a < FEWEST:
+            continue
+        t = rows.t[a:b]
+        step = np.diff(t)
+        area, off = areas(t, values[a:b], ends[a:b])
+        if rows.has_rate:
+            rise = np.diff(rows.theta_dot[a:b])
+        else:  # of mean slopes over rows, and of the integrals' means over them
+            whole = np.vstack([np.zeros(q), np.cumsum(area, axis=0)])
+            rise = np.diff(np.diff(rows.theta[a:b]) / step)
+            area, off = np.diff(0.5 * (whole[1:] + whole[:-1]), axis=0), off[1:]
+        n, h = len(rise), float(np.mean(step))
+        angle = np.pi * np.arange(1, n + 1) / (n + 1)
+        of = sines(np.column_stack([rise, area, off]))
+        first = np.sqrt(2.0 / (n + 1)) * np.sin(angle)
+        ends_of_stretch.append(np.column_stack([first, first * (-1.0) ** np.arange(n)]))
+        parts.append((of[:, 0], of[:, 1:1 + q], of[:, 1 + q:], 2.0 - 2.0 * np.cos(angle), np.full(n, h), angle / h))
+    parts = parts or [(np.zeros(0), np.zeros((0, q)), np.zeros((0, q)), *[np.zeros(0)] * 3)]
+    y, phi, doubt, curl, step, frequency = (np.concatenate(each) for each in zip(*parts, strict=True))
+    apart = np.zeros((len(y), 0 if rows.has_rate else 2 * len(ends_of_stretch)))
+    for k, each in enumerate(ends_of_stretch if not rows.has_rate else []):
+        at = sum(map(len, ends_of_stretch[:k]))
+        apart[at:at + len(each), 2 * k:2 * k + 2] = each
+    return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, apart, sensor, motion)
+
+
+def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray,
+              is_causal: bool = True) -> np.ndarray:
+    """Return a term (n,) of the rows, tau from their middle: of a library, or one that only the judge asks for."""
+    if term == FAST_THETA:
+        return fast_part(rows)
+    if term == "gamma":
+        return rows.gamma
+    if term == "beta_ddot":
+        ends = itertools.pairwise(rows.bounds.tolist())
+        reach = max(1, round(BRIEF / rows.period))   # beta's own noise is not its acceleration
+        quotient = behind if is_causal else slope
+        return np.concatenate([quotient(rows.t[a:b], quotient(rows.t[a:b], beta[a:b], reach), 1) for a, b in ends])
+    return column(term, attack, rate, beta, rows.t - 0.5 * (rows.t[0] + rows.t[-1]))
+
+
+def behind(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
+    """Return the difference quotient (n,) of x (n,) over so many rows before.
+
+    Under feedback what comes after a row answers its noise, and must not be in a column beside it.
+    """
+    before = np.maximum(np.arange(len(t)) - rows, 0)
+    return np.concatenate([[0.0], (x[1:] - x[before[1:]]) / (t[1:] - t[before[1:]])])[:len(t)]
+
+
+def fast_part(rows: Rows) -> np.ndarray:
+    """Return what theta does (n,) within FAST: it less its mean over that time before."""
+    reach = max(1, round(FAST / rows.period))
+    parts = []
+    for a, b in itertools.pairwise(rows.bounds.tolist()):
+        whole, at = np.concatenate([[0.0], np.cumsum(rows.theta[a:b])]), np.arange(b - a)
+        low, high = np.maximum(at - reach, 0), at + 1
+        parts.append(rows.theta[a:b] - (whole[high] - whole[low]) / (high - low))
+    return np.concatenate(parts)
+
+
+def term_modes(rows: Rows, terms: tuple[str, ...], beta: np.ndarray | None = None) -> Modes:
+    """Return the regression on terms; with another beta (n,)."""
+    b = rows.beta if beta is None else beta
+
+    def table(attack: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        return np.column_stack([values_of(rows, term, attack, rate, b) for term in terms])
+
+    values = table(rows.attack, rows.theta_dot)
+    ends = ends_of(rows, terms, values, b)
+    by_theta = (table(rows.attack + NUDGE, rows.theta_dot) - values) / NUDGE
+    by_rate = (table(rows.attack, rows.theta_dot + NUDGE) - values) / NUDGE if rows.has_rate else np.zeros_like(values)
+    for k, term in enumerate(terms):
+        if term.startswith("sign"):
+            by_theta[:, k] = by_rate[:, k] = 0.0
+        if term == FAST_THETA:
+            by_theta[:, k] = 1.0
+    sensor = (rows.theta_noise * products(by_theta, by_theta) + rows.rate_noise * products(by_rate, by_rate)) / len(b)
+    return regression(rows, values, ends, sensor, rows.theta_noise * by_theta.mean(axis=0))
+
+
+def later(rows: Rows, lead: float) -> np.ndarray:
+    """Return beta (n,) as it acts later by a lead [s]: of a held one the mean over each step."""
+    t = rows.t
+    if not rows.is_held:
+        return np.interp(t - lead, t, rows.beta)
+    steps = np.append(np.diff(t), rows.period)
+    edges = np.append(t, t[-1] + rows.period)
+    whole = np.concatenate([[0.0], np.cumsum(rows.beta * steps)])
+    moved = np.interp(edges - lead, edges, whole)
+    at = edges - lead   # before the first row and behind the last its input is that of these
+    moved += np.minimum(at - edges[0], 0.0) * rows.beta[0] + np.maximum(at - edges[-1], 0.0) * rows.beta[-1]
+    return np.asarray(np.diff(moved) / steps)
+
+
+def ends_of(rows: Rows, terms: tuple[str, ...], values: np.ndarray, beta: np.ndarray) -> np.ndarray:
+    """Return the terms (n, q) as the step before each row ends, of their values (n, q) as the next begins."""
+    held = [k for k, term in enumerate(terms) if rows.is_held and "beta" in term]
+    ends = values.copy()
+    for k in held:
+        ends[:, k] = values_of(rows, terms[k], rows.attack, rows.theta_dot, before(beta))
+    return ends
+
+
+def increments(rows: Rows, terms: tuple[str, ...], length: float) -> tuple[np.ndarray, ...]:
+    """Return times at which increments over a length [s] begin and end, of theta_dot (k,), of the terms (k, q)."""
+    span = max(1, round(length / rows.period))
+    parts: list[tuple[np.ndarray, ...]] = []
+    values = np.column_stack([np.zeros((len(rows.t), 0)), *(values_of(
+        rows, term, rows.attack, rows.theta_dot, rows.beta, is_causal=False) for term in terms)])
+    ends = ends_of(rows, terms, values, rows.beta)
+    for a, b in itertools.pairwise(rows.bounds.tolist()):
+        if b - a <= max(span, FEWEST):
+            continue
+        t = rows.t[a:b]
+        area, _ = areas(t, values[a:b], ends[a:b])
+        whole = np.vstack([np.zeros(len(terms)), np.cumsum(area, axis=0)])
+        parts.append((t[:-span], t[span:], rows.theta_dot[a + span:b] - rows.theta_dot[a:b - span],
+                      whole[span:] - whole[:-span]))
+    if not parts:
+        return rows.t[:0], rows.t[:0], rows.t[:0], np.zeros((0, len(terms)))
+    return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
+
+
+def noise_variance(x: np.ndarray) -> float:
+    """Return the variance of white noise on a smooth channel: of third differences it is 20 times as large."""
+    x = x[np.isfinite(x)]
+    d = np.diff(x, 3)
+    quantum = np.diff(np.unique(x))
+    floor = float(np.min(quantum[quantum > 0.0], initial=math.inf)) if len(quantum) else math.inf
+    floor = floor * floor / 12.0 if math.isfinite(floor) else 0.0
+    usual = float(np.median(np.abs(d)) / 0.6745) ** 2 / 20.0 if len(d) else 0.0
+    return max(usual, floor, 1e-20)

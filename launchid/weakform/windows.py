@@ -1,0 +1,231 @@
+"""The windows of a log that no nominal judges: their numbers by the weak form, and the judge's answer to each."""
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from launchid_core import Config, Estimate, EstimateStatus
+
+from ..log.check import CheckedLog
+from ..log.rates import INTERPOLATED
+from ..sums import combined, square
+from .fit import Fit, Prior, gls, least, noise_likelihood
+from .judge import INCREMENT, PER_COEFFICIENT, TOLERANCE, Lack, Lead, Question, against, left_over, question
+from .rows import Modes, Rows, increments, term_modes, usable
+
+POOLED = 0.2         # of the likelihood of the noise's ratios in the whole log, that counts in each of its windows
+ALIKE, VAGUE = 0.99, 0.3   # |correlation| of a6 and k1, relative deviations, beyond which they are not told apart
+BY_CHANCE = 6.0      # chi square of two, 95 %: what a drift of a6 and k1 moves them by beyond is in the deviations
+HELD_OUT = 3         # the last of so many parts of a window is held out for its `fit`
+LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
+TWICE = 2.0          # standard deviations of the weak form, within which another formulation agrees with it
+WITHDRAWN = 20.0     # s before a contradiction: as long as the estimator takes to forget one
+UNTOLD = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # what something missing may look like
+
+
+@dataclass(frozen=True)
+class WindowFit:
+    """Share of the variance of a window's last third that the rest predicts, and its whiteness; None: too short."""
+
+    r2: float | None = None
+    whiteness: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """The estimates with those refused that the log contradicts, the fit of each, what they were refused for, what
+    could not be asked, and the weak form's estimates before any was refused."""
+
+    estimates: list[Estimate]
+    fits: list[WindowFit]
+    lacks: list[Lack]
+    lead: Lead | None = None
+    unchecked: str = ""
+    fitted: list[Estimate] = field(default_factory=list)
+
+
+def active_terms(estimate: Estimate) -> tuple[str, ...]:
+    """Return the terms of the theta_ddot equation that the estimate has."""
+    return tuple(term for term, on in zip(estimate.terms, estimate.support[:, 1].tolist(), strict=True) if on)
+
+
+def refused(estimate: Estimate, status: EstimateStatus = EstimateStatus.MODEL) -> Estimate:
+    """Return the window without its numbers."""
+    nan = math.nan
+    xi, support = np.full_like(estimate.xi, nan), np.zeros_like(estimate.support)
+    xi.flags.writeable = support.flags.writeable = False
+    return dataclasses.replace(estimate, valid=False, status=status, xi=xi, support=support, absent={}, terms_std={},
+                               a6=nan, k1=nan, a6_std=nan, k1_std=nan, a6_k1_corr=nan, a6_dot=nan, k1_dot=nan,
+                               a6_bound=nan, k1_bound=nan, condition=nan)
+
+
+def withdrawn(estimates: list[Estimate]) -> list[Estimate]:
+    """Return the filter's estimates without those that a contradiction of the model follows within WITHDRAWN s: what
+    contradicts it was there before it was told, and the estimator could not know; a log that is whole can."""
+    contradicted = [e.t_end for e in estimates if e.status == EstimateStatus.MODEL]
+    followed = [any(0.0 < t - e.t_end <= WITHDRAWN for t in contradicted) for e in estimates]
+    return [_without_air(refused(e) if e.valid else e) if no else e for e, no in zip(estimates, followed, strict=True)]
+
+
+def _without_air(estimate: Estimate) -> Estimate:
+    """Return the estimate without wind, offsets, servo and tracked estimate, as while the model is contradicted."""
+    nan, tracked, servo = math.nan, estimate.tracked, estimate.actuator
+    if tracked is not None:
+        tracked = tracked._replace(valid=False, **dict.fromkeys(tracked._fields[1:], nan))
+    if servo is not None:
+        servo = {name: each._replace(value=nan, std=nan) for name, each in servo.items()}
+    return dataclasses.replace(estimate, wind=nan, wind_std=nan, offsets={}, actuator=servo, tracked=tracked)
+
+
+def held_out(rows: Rows, estimate: Estimate, whiteness: float | None) -> WindowFit:
+    """Return the fit of a window: how well its first two thirds predict its last third."""
+    terms = active_terms(estimate)
+    part = rows.part(rows.cut(estimate.t_start, estimate.t_end))
+    begin, end, y, phi = increments(part, terms, INCREMENT)
+    span = max(1, round(INCREMENT / rows.period))
+    split = estimate.t_end - (estimate.t_end - estimate.t_start) / HELD_OUT
+    fitted, judged = end <= split, begin >= split
+    if np.count_nonzero(judged) < (LEAST_HELD_OUT - 1) * span or np.count_nonzero(fitted) <= len(terms):
+        return WindowFit(None, whiteness)
+    xi = least(phi[fitted], y[fitted])
+    e, s = y[judged] - combined(phi[judged], xi), y[judged] - y[judged].mean()
+    e = e - e.mean()  # of the variance: a steady moment is no contradiction
+    return WindowFit(1.0 - square(e) / square(s), whiteness) if square(s) > 0.0 else WindowFit(None, whiteness)
+
+
+def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], is_weak: bool,
+                   optional: tuple[str, ...] = ()) -> Judged:
+    """Judge the windows of a log.
+
+    is_weak   their numbers are the weak form's: those of the estimates, which give the windows alone, are replaced
+    optional  terms that the answer has too where they are more than their deviation
+    """
+    rows = usable(seen)
+    if config.formulation == "filtered":   # it judges itself: of it the fits alone
+        fits = [held_out(rows, e, e.whiteness if math.isfinite(e.whiteness) else None)
+                if rows is not None and e.valid else WindowFit() for e in estimates]
+        return Judged(estimates, fits, [])
+    if seen.rates["beta"].kind == INTERPOLATED:
+        return Judged([refused(e) for e in estimates], [WindowFit() for _ in estimates], [Lack(INTERPOLATED)],
+                      fitted=estimates)
+    asked = question(rows, config.terms if is_weak else asked_terms(config, estimates), optional if is_weak else ())
+    if rows is None:
+        return Judged([refused(e, EstimateStatus.SHORT) if e.valid else e for e in estimates],
+                      [WindowFit() for _ in estimates], [], None, asked.unchecked, estimates)
+    made = [_of_window(rows, e, asked, is_weak) for e in estimates]
+    lacks = {lack.what: lack for _, _, each, _ in made for lack in each}
+    untested = sum(e.status == EstimateStatus.UNCHECKED for e, *_ in made)
+    reason = asked.unchecked or (f"{untested} windows have too few rows to test {len(asked.terms)} coefficients: "
+                                 "longer windows, or fewer gaps, allow it" if untested else "")
+    return Judged([e for e, *_ in made], [fit for _, fit, *_ in made], list(lacks.values()), asked.lead, reason,
+                  [fitted for *_, fitted in made])
+
+
+def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:
+    """Return the terms that any valid window has, those of the library where none is; beta with them, whose placebo is
+    asked for, if the library has it."""
+    seen = {term for e in estimates if e.valid for term in active_terms(e)} or set(config.terms)
+    return tuple(term for term in config.terms if term in seen or term == "beta")
+
+
+def _of_window(rows: Rows, e: Estimate, asked: Question,
+               is_weak: bool) -> tuple[Estimate, WindowFit, list[Lack], Estimate]:
+    """Return a window's estimate, its fit, what it lacks, and the estimate before it was refused."""
+    terms = asked.terms if is_weak or not e.valid else active_terms(e)
+    part = rows.part(rows.cut(e.t_start, e.t_end))
+    m = term_modes(part, terms) if len(part.t) > 1 else None
+    if m is None or len(m.y) < PER_COEFFICIENT * (len(terms) + 1):
+        return (refused(e, EstimateStatus.UNCHECKED) if e.valid else e), WindowFit(), [], e
+    fit = window_fit(m, terms, asked, is_whole=len(part.t) > 0.9 * len(rows.t))
+    made = of_fit(part, m, fit, e, terms) if is_weak else e
+    if asked.unchecked:
+        return (refused(made, EstimateStatus.UNCHECKED) if made.valid else made), WindowFit(), [], made
+    p, unexplained = left_over(fit, m) if not fit.is_singular else (None, None)
+    shown = held_out(rows, made, p) if made.valid else WindowFit()
+    if not made.valid:
+        lacking = asked.lacks if made.status in UNTOLD else []
+        return (refused(made) if lacking else made), shown, lacking, made
+    values = dict(zip(made.terms, made.xi[:, 1].tolist(), strict=True))
+    xi = np.array([values[term] for term in terms])
+    std = np.array([made.terms_std.get(term, 0.0) for term in terms])
+    lacking = against(part, terms, xi, std, fit, m, asked.lacks)
+    if unexplained is not None and not lacking:
+        lacking = [unexplained]
+    if not is_weak and not lacking and not fit.is_singular:
+        own = np.sqrt(np.diag(fit.covariance))
+        off = np.abs(xi - fit.xi)
+        sizes = np.sqrt(np.sum(m.phi**2, axis=0))
+        if np.any((off > np.maximum(TWICE * np.hypot(own, std), TOLERANCE * np.abs(fit.xi)))
+                  & (off * sizes > TOLERANCE * np.max(np.abs(fit.xi) * sizes))):
+            lacking = [Lack("coefficients")]
+    return (refused(made) if lacking else made), shown, lacking, made
+
+
+def window_fit(m: Modes, terms: tuple[str, ...], asked: Question, is_whole: bool) -> Fit:
+    """Return the fit of a window: the noise's ratios by its own likelihood and some of the log's, optional terms as
+    the whole log tells them."""
+    prior: Prior = () if is_whole else [(terms.index(term), *known) for term, known in asked.known.items()
+                                        if term in terms]
+    own = noise_likelihood(m)[0]
+    pooled = [piece.likelihood for piece in asked.pieces]
+    return gls(m, own + POOLED * np.sum(pooled, axis=0) if pooled else own, prior)
+
+
+def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) -> Estimate:
+    """Return a window's estimate of the weak form; its deviations are those of the fit, and what a drift of a6 and k1
+    moves them by beyond chance (Hausman 1978)."""
+    blank = dataclasses.replace(refused(e), terms=terms, xi=np.full((len(terms), 3), math.nan),
+                                support=np.zeros((len(terms), 3), bool))
+    if fit.is_singular:
+        moves = all(np.ptp(x) > 0.0 for x in (rows.theta, rows.beta))
+        return dataclasses.replace(blank, status=EstimateStatus.LOW_INFORMATION if moves else EstimateStatus.RANK)
+    covariance = fit.covariance + drift(rows, fit, terms)
+    std = np.sqrt(np.diag(covariance))
+    place = {term: k for k, term in enumerate(terms)}
+    pair = [place.get("theta", place.get("sin(theta)", -1)), place.get("beta", -1)]
+    if min(pair) >= 0:
+        correlation = covariance[pair[0], pair[1]] / std[pair[0]] / std[pair[1]]
+        relative = std[pair] / np.abs(fit.xi[pair])
+        if np.all(relative > 1.0):
+            return dataclasses.replace(blank, status=EstimateStatus.LOW_INFORMATION)
+        if abs(correlation) > ALIKE and np.all(relative > VAGUE):
+            return dataclasses.replace(blank, status=EstimateStatus.SEPARATION)
+    xi, support = np.zeros((len(terms), 3)), np.zeros((len(terms), 3), bool)
+    xi[:, 1], support[:, 1] = fit.xi, True
+    xi.flags.writeable = support.flags.writeable = False
+
+    def of(term: str) -> tuple[float, float]:
+        return (float(fit.xi[place[term]]), float(std[place[term]])) if term in place else (math.nan, math.nan)
+
+    (a6, a6_std), (k1, k1_std) = of("theta"), of("beta")
+    both = "theta" in place and "beta" in place
+    corr = float(covariance[place["theta"], place["beta"]] / a6_std / k1_std) if both else math.nan
+    return dataclasses.replace(
+        e, valid=True, status=EstimateStatus.OK, terms=terms, xi=xi, support=support, a6=a6, k1=k1, a6_std=a6_std,
+        k1_std=k1_std, a6_k1_corr=corr, a6_dot=of("tau*theta")[0], k1_dot=of("tau*beta")[0], a6_bound=math.nan,
+        k1_bound=math.nan, absent={}, terms_std=dict(zip(terms, std.tolist(), strict=True)), rows=len(rows.t))
+
+
+def drift(rows: Rows, fit: Fit, terms: tuple[str, ...]) -> np.ndarray:
+    """Return the covariance (q, q) that lines in time in a6 and k1 make of the coefficients beyond chance."""
+    q = len(terms)
+    slopes = tuple(f"tau*{term}" for term in ("theta", "beta") if term in terms and f"tau*{term}" not in terms)
+    nothing = np.zeros((q, q))
+    if len(slopes) < 2:
+        return nothing
+    wide = term_modes(rows, (*terms, *slopes))
+    bent = gls(wide)
+    if bent.is_singular:
+        return nothing
+    pair = [terms.index("theta"), terms.index("beta")]
+    off = (bent.xi[:q] - fit.xi)
+    spread = bent.covariance[np.ix_(pair, pair)] - fit.covariance[np.ix_(pair, pair)]
+    scale = np.sqrt(np.maximum(np.diag(bent.covariance)[pair], 1e-300))
+    value, vector = np.linalg.eigh(spread / np.outer(scale, scale))
+    along = vector.T @ (off[pair] / scale)
+    chi = float(np.sum(along**2 / np.maximum(value, 1e-3)))
+    if chi < BY_CHANCE:
+        return nothing
+    return np.asarray(np.outer(off, off) * (1.0 - 2.0 / chi))

@@ -1,0 +1,197 @@
+"""The weak form: the truth under gyro noise and disturbances in any mix, the law of its weights, and its judge.
+
+The laws are numpy's; flights are `public_flights`, a6 = 2 and k1 = -6.
+"""
+
+import math
+
+import numpy as np
+import public_flights as flights
+import pytest
+
+from launchid.log.check import checked
+from launchid.log.log import log_of
+from launchid.weakform.fit import gls, least, spectrum, whiteness
+from launchid.weakform.judge import FAST_THETA, Question, against, question
+from launchid.weakform.rows import Rows, increments, sines, term_modes, usable
+
+TERMS = ("theta", "beta", "1")
+H = 0.01
+
+
+def rows_of(columns: dict[str, np.ndarray]) -> Rows:
+    rows = usable(checked(log_of(columns)))
+    assert rows is not None
+    return rows
+
+
+def asked(columns: dict[str, np.ndarray], terms: tuple[str, ...] = TERMS, optional: tuple[str, ...] = ()) -> Question:
+    return question(rows_of(columns), terms, optional)
+
+
+def named(columns: dict[str, np.ndarray], terms: tuple[str, ...] = TERMS) -> list[str]:
+    return [lack.what for lack in asked(columns, terms).lacks]
+
+
+def driven(seconds: float, gyro: float, disturbance: float, seed: int) -> Rows:
+    """theta_ddot = -4 theta - 6 beta + 0.1 + white disturbance, beta of eight tones, without any other noise."""
+    rng, n = np.random.default_rng(seed), round(seconds / H)
+    t = np.arange(n) * H
+    beta = 0.02 * np.sum([np.sin(w * t + rng.uniform(0.0, 6.28)) for w in np.linspace(0.5, 12.0, 8)], axis=0)
+    w, c, s = 2.0, math.cos(2.0 * H), math.sin(2.0 * H)
+    x, v = np.zeros(n), np.zeros(n)
+    for k in range(n - 1):
+        u = (-6.0 * 0.5 * (beta[k] + beta[k + 1]) + 0.1) / w**2
+        x[k + 1] = u + (x[k] - u) * c + v[k] / w * s
+        v[k + 1] = -(x[k] - u) * w * s + v[k] * c + disturbance * rng.normal() * H
+    return Rows(t, x, np.zeros(n), v + gyro * rng.normal(size=n), beta, True, False, np.array([0, n]))
+
+
+# ---- the law
+
+
+def test_the_sines_make_every_mode_independent_whatever_the_levels():
+    n, q, r = 40, 0.3, 2.0
+    covariance = (q + 2.0 * r) * np.eye(n) - r * (np.eye(n, k=1) + np.eye(n, k=-1))
+    s = sines(np.eye(n))
+    inside = s @ covariance @ s.T
+    expected = q + r * (2.0 - 2.0 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1)))
+    assert np.allclose(s @ s.T, np.eye(n)) and np.allclose(inside, np.diag(expected))
+
+
+@pytest.mark.parametrize(("gyro", "disturbance"), [(0.0, 0.02), (2e-3, 0.0)])
+def test_its_limits_are_least_squares_on_differences_and_on_integrals(gyro, disturbance):
+    rows = driven(10.0, gyro, disturbance, 1)
+    _, _, y, phi = increments(rows, TERMS, H)
+    if gyro:
+        y, phi = (np.vstack([np.zeros_like(z[:1]), np.cumsum(z, axis=0)]) for z in (y[:, None], phi))
+        y, phi = (y - y.mean())[:, 0], phi - phi.mean(axis=0)
+    fit = gls(term_modes(rows, TERMS))
+    assert np.all(np.abs(fit.xi - least(phi, y)) < 0.7 * np.sqrt(np.diag(fit.covariance)))
+
+
+@pytest.mark.parametrize(("gyro", "disturbance"), [(1e-5, 0.02), (2e-3, 1e-4), (5e-4, 0.005)])
+def test_deviations_are_what_the_errors_are_at_any_mix(gyro, disturbance):
+    off = []
+    for seed in range(60):
+        fit = gls(term_modes(driven(5.0, gyro, disturbance, seed), TERMS))
+        off.append((fit.xi - (-4.0, -6.0, 0.1)) / np.sqrt(np.diag(fit.covariance)))
+    rms = np.sqrt(np.mean(np.square(off), axis=0))
+    assert np.all(rms[:2] > 0.7) and np.all(rms < 1.3)
+
+
+def test_noise_of_the_attitude_does_not_draw_a6_to_zero():
+    """What it adds to the products is taken off them; where it is most of them, nothing is said."""
+    off, plain = [], []
+    for seed in range(20):
+        rows = driven(10.0, 1e-4, 1e-3, seed)
+        noise = 0.04 * float(np.std(rows.theta))
+        theta = rows.theta + noise * np.random.default_rng(seed).normal(size=len(rows.t))
+        known = Rows(rows.t, theta, rows.gamma, rows.theta_dot, rows.beta, True, False, rows.bounds, noise**2, 0.0)
+        off.append(gls(term_modes(known, TERMS)).xi[0])
+        blind = Rows(rows.t, theta, rows.gamma, rows.theta_dot, rows.beta, True, False, rows.bounds)
+        plain.append(gls(term_modes(blind, TERMS)).xi[0])
+    assert abs(np.mean(off) + 4.0) < abs(np.mean(plain) + 4.0) and abs(np.mean(off) + 4.0) < 0.02
+    hidden = Rows(rows.t, rows.theta + 0.3 * noise / 0.04 * np.random.default_rng(1).normal(size=len(rows.t)),
+                  rows.gamma, rows.theta_dot, rows.beta, True, False, rows.bounds, (0.3 * noise / 0.04) ** 2, 0.0)
+    fit = gls(term_modes(hidden, TERMS))
+    assert fit.is_singular or abs(fit.xi[0] + 4.0) < 4.0 * math.sqrt(fit.covariance[0, 0])
+
+
+def test_whiteness_is_a_p_value_of_white_rests():
+    low = 0
+    for seed in range(40):
+        rows = driven(10.0, 1e-3, 1e-3, seed)
+        m = term_modes(rows, TERMS)
+        _, squares, many, _ = spectrum(gls(m), m, 12)
+        low += whiteness(squares, many) < 0.05
+    assert low <= 6
+
+
+# ---- the judge
+
+
+@pytest.fixture(scope="module")
+def flown() -> dict[str, np.ndarray]:
+    columns = flights.fly(30.0)
+    return {name: columns[name] for name in ("t", "theta", "theta_dot", "beta")}
+
+
+def test_of_a_clean_flight_nothing_is_lacking(flown):
+    made = asked(flown, optional=("theta_dot",))
+    assert made.lacks == [] and made.unchecked == ""
+    assert made.lead is not None and abs(made.lead.value) < 5.0 * made.lead.std < 0.01
+
+
+@pytest.mark.parametrize(("choices", "term", "size"), [
+    ({"moment": 0.2}, "1", 0.2), ({"damping": -1.5}, "theta_dot", -1.5),
+    ({"square": 3.0, "amplitude": 0.1}, "beta^2", -18.0)])
+def test_a_term_that_acts_is_named_with_its_size(choices, term, size):
+    columns = flights.fly(20.0, **choices)
+    plain = {name: columns[name] for name in ("t", "theta", "theta_dot", "beta")}
+    terms = ("theta", "beta") if term == "1" else TERMS
+    lack = next(lack for lack in asked(plain, terms).lacks if lack.what == term)
+    assert lack.size == pytest.approx(size, rel=0.15)
+
+
+def test_rate_damping_belongs_to_the_answer_where_it_is_more_than_its_deviation():
+    columns = flights.fly(20.0, damping=-1.5)
+    made = asked({name: columns[name] for name in ("t", "theta", "theta_dot", "beta")}, optional=("theta_dot",))
+    assert made.terms == (*TERMS, "theta_dot")
+    size, std = made.known["theta_dot"]
+    assert abs(size + 1.5) < 4.0 * std < 0.8
+
+
+@pytest.mark.parametrize("rows", [6, -4])
+def test_a_beta_of_another_time_is_a_delay(flown, rows):
+    made = asked(flown | {"beta": np.roll(flown["beta"], -rows)})
+    assert made.lead is not None and made.lead.value == pytest.approx(rows * H, abs=0.005)
+    assert made.lacks[0].what == "delay"
+
+
+def test_a_clock_that_runs_slow_is_no_delay(flown):
+    late = np.interp(flown["t"] * 1.005, flown["t"], flown["beta"])
+    assert named(flown | {"beta": late}) == ["clock"]
+
+
+def test_beta_of_another_flight_is_a_placebo(flown):
+    assert named(flown | {"beta": flights.fly(30.0, seed=7)["beta"]}) == ["placebo"]
+
+
+def test_an_input_that_repeats_is_no_placebo():
+    """A doublet series is what textbooks ask for: all windows were refused."""
+    t = np.arange(0.0, 40.0, H)
+    once = driven(10.0, 1e-3, 1e-3, 3).beta
+    beta = np.tile(once, 4)
+    x, v = np.zeros(len(t)), np.zeros(len(t))
+    for k in range(len(t) - 1):
+        a = -4.0 * x[k] - 0.8 * v[k] - 6.0 * 0.5 * (beta[k] + beta[k + 1])
+        x[k + 1], v[k + 1] = x[k] + H * v[k] + 0.5 * H * H * a, v[k] + H * a
+    rate = v + 1e-3 * np.random.default_rng(1).normal(size=len(t))
+    assert "placebo" not in named({"t": t, "theta": x, "theta_dot": rate, "beta": beta}, (*TERMS, "theta_dot"))
+
+
+def test_a_flight_path_that_nobody_logged_is_told_as_that():
+    """A gravity turn: the acceleration of beta was said to act."""
+    columns = flights.fly(30.0)
+    turn = 0.03 * columns["t"]
+    columns = {name: columns[name] for name in ("t", "theta", "theta_dot", "beta")}
+    columns |= {"theta": columns["theta"] + turn, "theta_dot": columns["theta_dot"] + 0.03}
+    assert named(columns)[:1] == [FAST_THETA]
+    assert named(columns | {"gamma": turn}) == []
+
+
+def test_what_moves_no_coefficient_refuses_no_window(flown):
+    """1 ms: seen, and of no account."""
+    late = np.interp(flown["t"] + 0.004, flown["t"], flown["beta"])
+    made = asked(flown | {"beta": late})
+    m = term_modes(made.rows, TERMS)
+    fit = gls(m)
+    std = np.sqrt(np.diag(fit.covariance))
+    assert against(made.rows, TERMS, fit.xi, 10.0 * std, fit, m, made.lacks) == []
+
+
+def test_what_cannot_be_asked_says_what_would_allow_it(flown):
+    rows = np.arange(len(flown["t"])) % 40 < 34
+    assert "without a gap" in asked({name: x[rows] for name, x in flown.items()}).unchecked
+    assert "too few" in asked({name: x[:20] for name, x in flown.items()}).unchecked
