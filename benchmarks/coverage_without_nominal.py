@@ -13,8 +13,8 @@ import dataclasses
 
 import numpy as np
 
+from launchid.commands.identify import identify
 from launchid.log.log import flown_log
-from launchid.results.of_logs import identify
 from sim.flight import fly_whole
 from sim.nominal import Nominal, load_nominal
 

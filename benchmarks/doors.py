@@ -31,7 +31,8 @@ Estimator(Config(window=5.0, sample_period=0.01, formulation="filtered", model=o
 DOORS = {"simulate": "simulate constant --out OUT", "effects": f"simulate constant --effect {FAULT} --out OUT",
          "estimator": "", "identify": "identify LOG --nominal constant --formulation filtered",
          "diagnose": "diagnose LOG --nominal constant"}
-EDITED = ("launchid/api.py", "launchid/commands/diagnose.py", "launchid/log/check.py", "sim/vehicle/step.py")
+EDITED = ("launchid/commands/identify.py", "launchid/diagnosis/verdict.py", "launchid/log/check.py",
+          "sim/vehicle/step.py")
 
 
 def spent(tree: Path, words: str, cache: Path, log: Path) -> tuple[float, float]:

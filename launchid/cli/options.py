@@ -106,31 +106,25 @@ def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
                                                         "launchid[plots] (default: none)")
 
 
-def add_choices(sub: argparse.ArgumentParser, library: str | None = None) -> None:
-    """Add the options of an estimator that neither a log nor a nominal decides."""
-    sub.add_argument("--compression", type=int, default=1, metavar="N",
+def add_choices(sub: argparse.ArgumentParser, library: str = "%(default)s") -> None:
+    """Add the options of an estimator that neither a log nor a nominal decides; `library`: what its default is."""
+    sub.add_argument("--compression", type=int, metavar="N",
                      help="use one of N rows of a window, drawn at random (default %(default)s: all)")
-    sub.add_argument("--library", default=library, metavar="NAME|TERMS",
+    sub.add_argument("--library", metavar="NAME|TERMS",
                      help="choose the candidate terms of the equation: rigid-body | linear | quadratic | quadratic+sin "
-                          "| lpv, or a comma list such as 'theta,beta,sin(theta)' (default "
-                          + ("%(default)s" if library else "theta,beta,1 without a nominal, else rigid-body") + ")")
+                          f"| lpv, or a comma list such as 'theta,beta,sin(theta)' (default {library})")
     sub.add_argument("--formulation", choices=FORMULATIONS,
                      help="choose how theta_ddot is obtained: from its column, by differencing theta_dot, by "
                           "integrating the equation, or by a Kalman filter with the nominal (default: filtered with a "
                           "nominal, else measured if the log has theta_ddot, else the weak form under the log's own "
                           "noise)")
-    sub.add_argument("--solver", default="stls", choices=SOLVERS,
+    sub.add_argument("--solver", choices=SOLVERS,
                      help="choose the solver of the sparse regression (default %(default)s)")
     sub.add_argument("--threshold", type=float, metavar="X",
                      help="leave out a term whose coefficient is smaller than this, in its own unit (default: leave "
                           "out one that explains less than 0.5 %% of the acceleration by itself; inside lpv none)")
-    sub.add_argument("--seed", type=int, default=0, metavar="N",
+    sub.add_argument("--seed", type=int, metavar="N",
                      help="seed the draw of the rows that --compression uses, 0 or above (default %(default)s)")
-    sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
+    sub.add_argument("--noise", choices=NOISE_LEVELS,
                      help="filtered: estimate the noise levels, from the nominal's on (estimated), or keep them as the "
                           "nominal has them (declared) (default %(default)s)")
-
-
-def choices(args: argparse.Namespace) -> dict[str, Any]:
-    """Config fields of these words."""
-    return {name: getattr(args, name) for name in ("compression", "seed", "library", "solver", "threshold", "noise")}

@@ -1,21 +1,30 @@
-"""The command `launchid compare`: its options, and its run."""
+"""A log beside nominals: `launchid compare`, `launchid.compare`."""
+
+from __future__ import annotations
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from sim.errors import UsageError
+
+from ..argument_checks import integer
 from ..cli.common import at_least, check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
-from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict
+from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict, given
+
+if TYPE_CHECKING:
+    from ..comparison.result import Comparison
+    from ..sources import LogSource, NominalSource
 
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
     sub = add_command(commands, "compare", "hold a log beside nominals: predictions, flights, dispersions, responses",
-                      "launchid compare v.csv vega_like report/extension.toml --report compared")
+                      "launchid compare v.csv vega_like report/extension.toml --report compared", compare)
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     sub.add_argument("nominals", metavar="NOMINAL.toml", nargs="+",
                      help=f"hold the log beside {NOMINAL_HELP}; of several, such as one and the extension.toml that "
                           "diagnose made of it, each")
-    sub.add_argument("--flights", type=int, default=200, metavar="N",
+    sub.add_argument("--flights", type=int, metavar="N",
                      help="fly each nominal this often with its dispersions, and give the log's place among them; 0: "
                           "none (default %(default)s)")
     add_report(sub, "compare.json")
@@ -33,8 +42,57 @@ def run(args: argparse.Namespace) -> None:
     check_outputs(args.json, args.plot)
     check_plot(args.plot)
     check_folders(args.report)
-    from ..comparison.result import compare
-    result = compare(log, nominals, flights=args.flights, strict=args.strict)
+    result = compare(log, *nominals, **given(compare, args))
     if args.report:
         result.write_report(args.report)
     tell(result, args.json, args.plot)
+
+
+def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict: bool = False) -> Comparison:
+    """Hold a log beside nominals: predicted 0.1, 0.5 and 1 s ahead, flown from its reference, its place among dispersed
+    flights, frequency responses.
+
+    Parameters
+    ----------
+    log : path, data frame, mapping of arrays, Log
+    *nominals : path, name of a built-in one, or Nominal
+        One or several, such as a nominal and the extension that `diagnose` made of it.
+    flights : int
+        Dispersed ones of each nominal; 0: none.
+    strict : bool
+        What the data check finds is an InputError.
+
+    Returns
+    -------
+    Comparison
+    """
+    import numpy as np
+
+    from ..comparison.dispersion import dispersed
+    from ..comparison.flown import LATEST, flown
+    from ..comparison.frequency_response import frequency_responses
+    from ..comparison.prediction import predictions
+    from ..comparison.result import Beside, Comparison, labels, masked, report
+    from ..log.check import checked
+    from ..progress import Counter
+    from ..sources import load_nominal, read_log
+    flights = integer("--flights", flights, 0)
+    if not nominals:
+        raise UsageError("compare: expected at least one nominal")
+    log, believed = read_log(log), [load_nominal(nominal) for nominal in nominals]
+    said: tuple[str, ...] = ()
+    made, first = list[Beside](), None
+    count = Counter(flights * len(believed), "flights with the dispersions")
+    for label, nominal in zip(labels(believed), believed, strict=True):
+        seen = checked(log, nominal, strict=strict)
+        said += seen.warnings
+        clean = masked(seen.log, seen.data)
+        first = first or clean
+        made.append(Beside(label, nominal, predictions(seen.log, nominal, seen.data), flown(clean, nominal),
+                           dispersed(clean, nominal, flights, count) if flights > 0 else None,
+                           frequency_responses(clean, nominal)))
+    t = log.t[np.isfinite(log.t)]
+    if not 0.0 <= t.min() <= LATEST and any(each.nominal.controller is not None for each in made):
+        said += (f"{log.path}: begins at {t.min():g} s; flights of a nominal begin at 0 s, so none is flown beside it",)
+    assert first is not None
+    return Comparison(first, made, report(first, made), tuple(dict.fromkeys(said)))

@@ -1,32 +1,52 @@
-"""The command `launchid diagnose`: its options, and its run."""
+"""Why a simulation disagrees with a log: `launchid diagnose`, `launchid.diagnose`."""
+
+from __future__ import annotations
 
 import argparse
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from ..argument_checks import integer, word
 from ..cli.common import at_least, check_folders, check_outputs, read_nominal, read_noting, tell
-from ..cli.options import LOG_HELP, NOMINAL_HELP, WITHIN, add_command, add_map, add_outputs, add_strict
-from ..progress import report
+from ..cli.options import (
+    LOG_HELP,
+    NOMINAL_HELP,
+    WITHIN,
+    add_command,
+    add_map,
+    add_outputs,
+    add_report,
+    add_strict,
+    given,
+)
+from ..results.answer import Answer, flat
+
+if TYPE_CHECKING:
+    from sim.nominal import Nominal
+    from sim.result import Columns, Figure
+
+    from ..diagnosis.verdict import Result
+    from ..sources import LogSource, NominalSource
 
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
     sub = add_command(commands, "diagnose", "find why a simulation disagrees with a log, and how much the fix gains",
-                      "launchid diagnose v.csv vega_like --report report")
+                      "launchid diagnose v.csv vega_like --report report", diagnose)
     sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "
                                                     "beta_cmd, is enough")
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"compare the log with {NOMINAL_HELP}")
     sub.add_argument("--holdout", metavar="LOG2.csv",
                      help="judge the extended nominal on this second log (default: on parts of the first that are held "
                           "out)")
-    sub.add_argument("--bootstrap", type=int, default=0, metavar="N",
+    sub.add_argument("--bootstrap", type=int, metavar="N",
                      help="diagnose N clean flights of the nominal too, and say how many are not found consistent "
                           "(default %(default)s)")
-    sub.add_argument("--noise", default="bounded", choices=WITHIN,
+    sub.add_argument("--noise", choices=WITHIN,
                      help="choose how noise levels are fitted. bounded: within 0.3 to 3 times the nominal's (wind 0 "
                           "to 2 times); declared: fixed at the nominal's; free: without limits (default %(default)s)")
-    sub.add_argument("--report", metavar="DIR",
-                     help="write report.html, verdict.json, extension.toml and the figures into this folder (default: "
-                          "none)")
+    add_report(sub, "verdict.json, extension.toml")
     add_map(sub)
     add_strict(sub)
     add_outputs(sub)
@@ -40,9 +60,87 @@ def run(args: argparse.Namespace) -> None:
     holdout = read_noting(args.holdout, "t", map_path=args.map) if args.holdout else None
     check_outputs(args.json)
     check_folders(args.report)
-    from ..results.of_logs import diagnose
-    result = diagnose(log, nominal, holdout=holdout, bootstrap=args.bootstrap, strict=args.strict, say=report,
-                      noise=args.noise)
+    args.holdout = holdout
+    result = diagnose(log, nominal, **given(diagnose, args))
     if args.report:
         result.write_report(args.report)
     tell(result, args.json)
+
+
+def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | None = None, bootstrap: int = 0,
+             noise: str = "bounded", strict: bool = False) -> Diagnosed:
+    """Find why a simulation disagrees with a log, and how much the fix improves its predictions.
+
+    Parameters
+    ----------
+    log : path, data frame, mapping of arrays, Log
+        One of theta and theta_dot, and one of beta and beta_cmd, is enough.
+    nominal : path, name of a built-in one, or Nominal
+    holdout : as log, optional
+        A second log, to judge the extended model on; None: parts of the first.
+    bootstrap : int
+        Clean flights of the nominal that are diagnosed too, to count false alarms.
+    noise : str
+        How far levels may be from the declared: "bounded", "declared" or "free".
+    strict : bool
+        What the data check finds is an InputError.
+
+    Returns
+    -------
+    Diagnosed
+    """
+    from ..diagnosis.answer import report
+    from ..diagnosis.verdict import diagnose as examine
+    from ..log.check import checked, ideal_note
+    from ..progress import report as show
+    from ..sources import load_nominal, read_log
+    bootstrap, noise = integer("--bootstrap", bootstrap, 0), word("--noise", noise, WITHIN)
+    log, nominal = read_log(log, ("t",)), load_nominal(nominal)
+    second = None if holdout is None else read_log(holdout, ("t",))
+    for each in (log, second):
+        if each is not None:
+            each.check_clock()
+    if strict:
+        checked(log, nominal, strict=strict)
+    result = examine(log, nominal, second, bootstrap=bootstrap, say=show, noise=noise)
+    return Diagnosed(result, report(result), ideal_note(log))
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosed(Answer):
+    """The answer of `diagnose`: what the simulation gets wrong on a log, and why."""
+
+    diagnosis: Result
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        return str(self.report["verdict"])
+
+    @property
+    def extension(self) -> Nominal | None:
+        """The nominal with the named causes, if any."""
+        from ..diagnosis.answer import extension
+        return extension(self.diagnosis)
+
+    def summary(self) -> str:
+        from ..diagnosis.answer import lines
+        return "\n".join(lines(self.diagnosis))
+
+    def columns(self) -> Columns:
+        rows = [{"cause": cause["cause"], "where": cause["where"], "parameter": name, **value}
+                for cause in self.report["causes"] for name, value in cause["parameters"].items()]
+        return flat(rows) or {name: [] for name in ("cause", "where", "parameter", "value", "std", "unit")}
+
+    def _figure(self) -> Figure:
+        from ..diagnosis.report.figures import DRAWN, drawable
+        for name in drawable(self.diagnosis):
+            if figure := DRAWN[name](self.diagnosis):
+                return figure
+        return super()._figure()
+
+    def write_report(self, folder: str | Path) -> None:
+        """report.html, verdict.json, extension.toml and the figures."""
+        from ..diagnosis.report.page import write_report
+        write_report(self.diagnosis, self.report, folder)

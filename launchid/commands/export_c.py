@@ -11,7 +11,7 @@ from sim.errors import UsageError
 
 from ..argument_checks import WINDOW
 from ..cli.common import check_folders, read_nominal
-from ..cli.options import NOMINAL_HELP, add_choices, add_command, choices, given
+from ..cli.options import NOMINAL_HELP, add_choices, add_command, given
 from ..cli.terminal import say
 from ..progress import report
 from ..results.answer import Answer
@@ -34,7 +34,7 @@ def add(commands: Any) -> None:
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S", help="set the time between samples [s] (default: "
                                                                          "the nominal's)")
-    add_choices(sub, "rigid-body")
+    add_choices(sub)
     sub.set_defaults(run=run)
 
 
@@ -43,14 +43,16 @@ def run(args: argparse.Namespace) -> None:
     nominal = read_nominal(args.nominal)
     check_folders(args.out)
     report("writing the estimator in C, and flying its vectors")
-    result = export_c(nominal, **given(export_c, args), **choices(args))
+    result = export_c(nominal, **given(export_c, args))
     replaced = " (what was there of these files is replaced)" if (Path(args.out) / "launchid.c").exists() else ""
     result.write(args.out)
     say(result.summary(args.out) + replaced)
 
 
 def export_c(nominal: NominalSource, *, window: float = WINDOW, period: float | None = None,
-             formulation: str | None = None, **choices: Any) -> Exported:
+             formulation: str | None = None, library: str = "rigid-body", solver: str = "stls",
+             threshold: float | None = None, compression: int = 1, seed: int = 0, noise: str = "estimated",
+             **further: Any) -> Exported:
     """Write the estimator in C, bit for bit equal to the Python version.
 
     Parameters
@@ -62,8 +64,10 @@ def export_c(nominal: NominalSource, *, window: float = WINDOW, period: float | 
         Time between samples [s]; None: the nominal's.
     formulation : str, optional
         As of `identify`; None: "filtered".
-    **choices
-        As of `identify`: library, solver, threshold, compression, seed, noise.
+    library, solver, threshold, compression, seed, noise
+        As of `identify`.
+    **further
+        Fields of `launchid_core.Config`.
 
     Returns
     -------
@@ -83,7 +87,8 @@ def export_c(nominal: NominalSource, *, window: float = WINDOW, period: float | 
         model = level.ranged_model(nominal) if nominal.uncertainty is not None else onboard_model(nominal)
     try:
         config = Config(window=window, sample_period=nominal.sensors.period if period is None else period,
-                        formulation=formulation, model=model, **choices)
+                        formulation=formulation, model=model, library=library, solver=solver, threshold=threshold,
+                        compression=compression, seed=seed, noise=noise, **further)
     except ValueError as error:
         raise UsageError(str(error)) from None
     except TypeError as error:  # of Python's: a word that is none of Config's

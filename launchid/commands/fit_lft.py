@@ -1,26 +1,42 @@
-"""The command `launchid fit-lft`: its options, and its run."""
+"""The ranges of a6 and k1 that flights need: `launchid fit-lft`, `launchid.fit_lft`."""
+
+from __future__ import annotations
 
 import argparse
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
-from sim.errors import UsageError
+from sim.errors import InputError, UsageError
 
+from .. import progress
+from ..argument_checks import real
 from ..cli.common import check_outputs, read_nominal, read_noting, warn
-from ..cli.options import add_command, add_map, add_strict
+from ..cli.options import add_command, add_map, add_strict, given
 from ..cli.terminal import answer
+from ..results.answer import Answer, flat
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sim.nominal import Nominal
+    from sim.result import Columns, Figure
+
+    from ..robustness import greybox
+    from ..sources import LogSource, NominalSource
 
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
     sub = add_command(commands, "fit-lft", "fit the ranges sigma of a6 and k1 to flights",
-                      "launchid fit-lft flight1.csv flight2.csv constant --out new.toml")
+                      "launchid fit-lft flight1.csv flight2.csv constant --out new.toml", fit_lft)
     sub.add_argument("logs", nargs="+", metavar="LOG.csv... NOMINAL.toml",
                      help="read one log a flight; the nominal comes last")
     sub.add_argument("--out", required=True, metavar="NEW.toml",
                      help="write the nominal with its [uncertainty] to this file")
-    sub.add_argument("--share", type=float, default=0.95, metavar="X",
+    sub.add_argument("--share", type=float, metavar="X",
                      help="let the range hold this share of vehicles, between 0 and 1 (default %(default)s)")
-    sub.add_argument("--confidence", type=float, default=0.95, metavar="X",
+    sub.add_argument("--confidence", type=float, metavar="X",
                      help="hold them with this confidence, between 0 and 1 (default %(default)s)")
     sub.add_argument("--profile", action="store_true",
                      help="fit sigma over flight time, where the flights determine it, into a CSV beside NEW.toml")
@@ -40,9 +56,82 @@ def run(args: argparse.Namespace) -> None:
     nominal = read_nominal(nominal_path)
     logs = [read_noting(path, map_path=args.map) for path in paths]
     check_outputs(args.out)
-    from ..results.of_logs import fit_lft
-    result = fit_lft(logs, nominal, share=args.share, confidence=args.confidence, profile=args.profile,
-                     strict=args.strict)
+    result = fit_lft(logs, nominal, **given(fit_lft, args))
     result.write(args.out)
     warn(result)
     answer(result.summary(args.out))
+
+
+def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float = 0.95, confidence: float = 0.95,
+            profile: bool = False, strict: bool = False) -> FittedRange:
+    """Fit the range sigma of a6 and k1 that holds a share of vehicles with a confidence.
+
+    Parameters
+    ----------
+    logs : sequence
+        One a flight.
+    nominal : path, name of a built-in one, or Nominal
+    share, confidence : float
+        Between 0 and 1.
+    profile : bool
+        Sigma over flight time, where the flights tell it.
+    strict : bool
+        What the data check finds is an InputError.
+
+    Returns
+    -------
+    FittedRange
+
+    Raises
+    ------
+    InputError
+        For a log whose columns are in another unit, of another sign or exchanged: a range holds what it is fed.
+    """
+    from ..log.check import checked
+    from ..robustness import greybox, level
+    from ..sources import each_of, load_nominal, read_log
+    if not logs:
+        raise UsageError("fit-lft: expected at least one log")
+    nominal, read = load_nominal(nominal), [read_log(log) for log in each_of(logs)]
+    for k, log in enumerate(read):
+        if again := next((one for one in read[:k] if log.is_same(one)), None):
+            raise InputError(f"{log.path}: the same flight as {again.path}; expected each once")
+    for name, value in (("share", share), ("confidence", confidence)):
+        if not 0.0 < real(name, value, "a number between 0 and 1") < 1.0:
+            raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
+    said: tuple[str, ...] = ()
+    flights = []
+    for log in progress.each(read, "logs fitted"):
+        seen = checked(log, nominal, strict=strict, refuse_columns=True)
+        said += seen.warnings
+        flights.append(greybox.deviations(seen, nominal))
+    fit = greybox.fit(flights, share, confidence, profile)
+    ranges = {name: {key: getattr(each, key) for key in ("sigma", "method", "spread", "within", "noise", "held")}
+              for name, each in zip(level.PARAMETERS, fit.ranges, strict=True)}
+    return FittedRange(fit, greybox.with_range(nominal, fit), {"flights": fit.flights, "ranges": ranges}, said)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedRange(Answer):
+    """The range sigma of a6 and k1, from flights."""
+
+    fit: greybox.Fit
+    nominal: Nominal        # with its [uncertainty]
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self, of: str = "fitted range") -> str:
+        from ..robustness import greybox
+        return greybox.table(self.fit, of)
+
+    def columns(self) -> Columns:
+        return flat([{"parameter": name, **values} for name, values in self.report["ranges"].items()])
+
+    def _figure(self) -> Figure:
+        from sim.pictures import range_figure
+        return range_figure(self.nominal)
+
+    def write(self, path: str | Path) -> None:
+        """The nominal, as TOML: the file that it came from, with what is new."""
+        from sim.nominal import rewrite_nominal
+        rewrite_nominal(self.nominal, path)

@@ -1,9 +1,15 @@
-"""The command `launchid identify`: its options, and its run."""
+"""a6, k1 and the active terms of a log: `launchid identify`, `launchid.identify`."""
+
+from __future__ import annotations
 
 import argparse
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ..argument_checks import WINDOW
+from sim.errors import UsageError
+
+from ..argument_checks import WINDOW, real
 from ..cli.common import check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
 from ..cli.options import (
     LOG_HELP,
@@ -15,20 +21,31 @@ from ..cli.options import (
     add_outputs,
     add_report,
     add_strict,
-    choices,
+    given,
     nominal_of,
 )
+from ..results.answer import Answer, flat
+
+if TYPE_CHECKING:
+    from launchid_core import Change, Config, Estimate
+    from sim.nominal import Nominal
+    from sim.result import Columns, Figure
+
+    from ..log.log import Log
+    from ..results.control_systems import ControlPlant
+    from ..sources import LogSource, NominalSource
+    from .margins import FlightMargins
 
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
     sub = add_command(commands, "identify", "estimate a6, k1 and the active terms of a log, window by window",
-                      "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png")
+                      "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png", identify)
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     add_nominal(sub, f"identify with {NOMINAL_HELP} (default: none, the log alone)")
-    sub.add_argument("--window", default=WINDOW, metavar="S|all",
+    sub.add_argument("--window", metavar="S|all",
                      help="set the length of a window [s], or all: one window, the whole log (default %(default)s)")
-    add_choices(sub)
+    add_choices(sub, "theta,beta,1 without a nominal, else rigid-body")
     sub.add_argument("--tracked", action="store_true",
                      help="also print the tracked estimate (from all samples so far, at each window's end) and sudden "
                           "changes; needs --nominal")
@@ -51,11 +68,139 @@ def run(args: argparse.Namespace) -> None:
     check_plot(args.plot)
     check_plot(args.resid)
     check_folders(args.report)
-    from ..results.of_logs import identify
-    result = identify(log, nominal, window=args.window, formulation=args.formulation, tracked=args.tracked,
-                      strict=args.strict, **choices(args))
+    result = identify(log, nominal, **given(identify, args))
     if args.report:
         result.write_report(args.report)
     if args.resid:
         result.residuals(args.resid)
     tell(result, args.json, args.plot)
+
+
+def identify(log: LogSource, nominal: NominalSource | None = None, *, window: float | str = WINDOW,
+             tracked: bool = False, library: str | None = None, formulation: str | None = None, solver: str = "stls",
+             threshold: float | None = None, compression: int = 1, seed: int = 0, noise: str = "estimated",
+             strict: bool = False) -> Identification:
+    """Estimate a6, k1 and the active terms of a log, window by window.
+
+    Parameters
+    ----------
+    log : path, data frame, mapping of arrays, Log
+    nominal : path, name of a built-in one, or Nominal, optional
+        What the simulation believes; None: the log alone.
+    window : float or "all"
+        Length of a window [s]; "all": the whole log is one.
+    tracked : bool
+        Also the estimate from all samples so far, and sudden changes; needs a nominal.
+    library : str, optional
+        Candidate terms: a name, or a comma list such as "theta,beta,sin(theta)"; None: theta and beta, with a constant
+        (and rate damping where there is any) without a nominal.
+    formulation : str, optional
+        measured | difference | integral | filtered; None: the best that log and nominal allow, which without a nominal
+        is the weak form under the log's own noise.
+    solver : str
+        stls | sr3 | ssr | lasso.
+    threshold : float, optional
+        A term whose coefficient is smaller, in its own unit, is left out; None: the library's.
+    compression : int
+        Keep one of so many rows at random, by `seed`.
+    noise : str
+        filtered: the nominal's levels are a prior ("estimated") or exact ("declared").
+    strict : bool
+        What the data check finds is an InputError.
+
+    Returns
+    -------
+    Identification
+    """
+    from ..identification.windows import identified, is_weak, log_config, refuse_too_long, report_of, servo_note
+    from ..log.check import checked, profile_note
+    from ..robustness import level
+    from ..sources import load_nominal, read_log
+    log, nominal = read_log(log), None if nominal is None else load_nominal(nominal)
+    choices = {"solver": solver, "threshold": threshold, "compression": compression, "seed": seed, "noise": noise}
+    window = window if isinstance(window, str) else real("--window", window, "seconds or 'all'")
+    if window == "all":
+        refuse_too_long(log)
+    seen = checked(log, nominal, strict=strict)
+    log, said = seen.log, seen.warnings
+    weak = is_weak(log, nominal, formulation, library, choices)
+    optional = ("theta_dot",) if weak and library is None and nominal is None else ()
+    library = ("theta,beta,1" if optional else "rigid-body") if library is None else library
+    config = log_config(log, nominal, str(window), formulation, tracked, seen.bridged, library=library, **choices)
+    if config.missing_commands > 0.0:
+        said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
+                 "standard deviations are wider for it",)
+    if config.formulation == "filtered":
+        said += servo_note(log, nominal, config)
+    if config.formulation == "filtered" and not seen.foreign:
+        said += profile_note(nominal, level.log_span(log)[1], log.path)
+    result = identified(config, seen, weak, optional)
+    if result.is_held:
+        said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
+    fitted = result.judged.fitted if weak else result.estimates
+    return Identification(log, nominal, result.config, fitted, report_of(result, tracked), library,
+                          result.estimator.changes() if config.formulation == "filtered" else (), said, weak)
+
+
+@dataclass(frozen=True, eq=False)
+class Identification(Answer):
+    """a6, k1 and the active terms of a log, window by window."""
+
+    log: Log
+    nominal: Nominal | None
+    config: Config
+    estimates: list[Estimate]
+    report: dict[str, Any]
+    library: str
+    changes: tuple[Change, ...] = ()
+    warnings: tuple[str, ...] = ()
+    is_weak: bool = False   # the numbers are the weak form's
+
+    def summary(self) -> str:
+        from ..identification.windows import table
+        c = self.config
+        how = "weak" if self.is_weak else c.formulation
+        head = (f"{self.log.path}: formulation {how}, library {self.library}, solver {c.solver}, window "
+                f"{c.window:g} s, period {c.sample_period:g} s, {c.kept_rows} of {c.rows} rows a window")
+        return "\n".join([head, table(self.report) if self.estimates else self.log.too_short(c.window)])
+
+    def columns(self) -> Columns:
+        return flat(self.report["windows"])
+
+    def _figure(self) -> Figure:
+        from ..results.figures import identify_figure
+        terms = {term for estimate in self.estimates for term in estimate.terms}
+        asked = [name for name, term in (("a6", "theta"), ("k1", "beta")) if term in terms or not self.estimates]
+        return identify_figure(self.log, self.report, self.nominal, asked)
+
+    def write_report(self, folder: str | Path) -> None:
+        """report.html, identify.json and the figures."""
+        from ..results.reports import identify_report
+        identify_report(self, folder)
+
+    def margins(self) -> FlightMargins:
+        """The stability margins of the loop as identified, with the nominal's controller."""
+        from .margins import margins_of
+        c, is_tracked = self.config, any("tracked" in window for window in self.report["windows"])
+        if self.nominal is None or c.formulation != "filtered" or c.terms != ("theta", "beta"):
+            raise UsageError("margins: expected what the formulation `filtered` identified with a nominal, library "
+                             "rigid-body")
+        return margins_of(self.log, self.nominal, c, self.estimates, self.changes, is_tracked)
+
+    def to_control(self, t: float | None = None) -> ControlPlant:
+        """The airframe as identified in the window that holds t [s], None: in the last valid one, as python-control's
+        StateSpace and TransferFunction, with the covariance of a6 and k1 (extra `control`)."""
+        from ..results.control_systems import control_plant
+        return control_plant(self.estimates, self.log.path, t)
+
+    def residuals(self, path: str | Path | None = None) -> Figure:
+        """A figure of the windows' residuals, whether they are white, and predictions over horizons."""
+        from ..results.residuals import residuals
+        left = residuals(self.log, self.estimates, self.nominal if self.config.formulation == "filtered" else None)
+
+        def figure() -> Figure:
+            from ..results.figures import residual_figure
+            return residual_figure(self.log, left, self.report["windows"])
+
+        from sim.result import drawn
+        return drawn(figure, path)

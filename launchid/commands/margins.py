@@ -1,21 +1,36 @@
-"""The command `launchid margins`: its options, and its run."""
+"""Stability margins of the loop that flew: `launchid margins`, `launchid.margins`."""
+
+from __future__ import annotations
 
 import argparse
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..argument_checks import WINDOW
 from ..cli.common import check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
-from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict
+from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict, given
+from ..results.answer import Answer, flat
+
+if TYPE_CHECKING:
+    from launchid_core import Change, Config, Estimate
+    from sim.nominal import Nominal
+    from sim.result import Columns, Figure
+
+    from ..log.log import Log
+    from ..robustness.flight_margins import Servo, WindowMargins
+    from ..sources import LogSource, NominalSource
 
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
     sub = add_command(commands, "margins", "give the stability margins of the flight's loop, with intervals",
-                      "launchid margins v.csv vega_like --window 5 --tracked --plot margins.png")
+                      "launchid margins v.csv vega_like --window 5 --tracked --plot margins.png", margins)
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     sub.add_argument("nominal", metavar="NOMINAL.toml",
                      help=f"identify with {NOMINAL_HELP}; with [actuator] and [controller]")
-    sub.add_argument("--window", type=float, default=WINDOW, metavar="S",
+    sub.add_argument("--window", type=float, metavar="S",
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--tracked", action="store_true",
                      help="give those of the tracked estimate too, at each window's end")
@@ -33,8 +48,96 @@ def run(args: argparse.Namespace) -> None:
     check_outputs(args.json, args.plot)
     check_plot(args.plot)
     check_folders(args.report)
-    from ..results.of_margins import margins
-    result = margins(log, nominal, window=args.window, tracked=args.tracked, strict=args.strict)
+    result = margins(log, nominal, **given(margins, args))
     if args.report:
         result.write_report(args.report)
     tell(result, args.json, args.plot)
+
+
+def margins(log: LogSource, nominal: NominalSource, *, window: float = WINDOW, tracked: bool = False,
+            strict: bool = False) -> FlightMargins:
+    """Return the stability margins of the flight's loop as identified, with 95 % intervals, window by window.
+
+    Parameters
+    ----------
+    log : path, data frame, mapping of arrays, Log
+    nominal : path, name of a built-in one, or Nominal
+        With [actuator] and [controller].
+    window : float
+        Length of a window [s].
+    tracked : bool
+        Also those of the tracked estimate at each window's end.
+    strict : bool
+        What the data check finds is an InputError.
+
+    Returns
+    -------
+    FlightMargins
+    """
+    from ..identification.run import identified
+    from ..identification.windows import log_config, servo_note
+    from ..log.check import checked
+    from ..robustness.flight_margins import declared_servo
+    from ..sources import load_nominal, read_log
+    nominal = load_nominal(nominal)
+    declared_servo(nominal)
+    seen = checked(read_log(log), nominal, strict=strict)
+    config = log_config(seen.log, nominal, str(window), "filtered", True, seen.bridged, library="rigid-body")
+    said = (*seen.warnings, *servo_note(seen.log, nominal, config))
+    result = identified(config, seen)
+    return margins_of(seen.log, nominal, result.config, result.judged.estimates, result.estimator.changes(), tracked,
+                      said)
+
+
+def margins_of(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate], changes: Sequence[Change],
+               tracked: bool, said: tuple[str, ...] = ()) -> FlightMargins:
+    """Return the margins of what was identified."""
+    from ..identification.windows import next_step, why
+    from ..robustness import flight_margins as fm
+    flown = fm.loop_that_flew(log, nominal, estimates)
+    windows = fm.flight_margins(nominal, estimates, changes, flown.refused)
+    servo = fm.last_servo(fm.declared_servo(nominal), estimates)
+    report = fm.report(windows, servo, nominal.margins, tracked, flown)
+    if not any(window["valid"] for window in report["windows"]):
+        report["why"] = why(report["windows"]).replace("is valid", "has margins")
+    of_others = [{"status": e.status.name} for k, e in enumerate(estimates) if k not in flown.refused]
+    if config.model is not None and (asked := next_step(of_others, config.model)):
+        report["next"] = asked
+    return FlightMargins(log, nominal, config, windows, servo, report, said)
+
+
+@dataclass(frozen=True, eq=False)
+class FlightMargins(Answer):
+    """The stability margins of a flight's loop, window by window."""
+
+    log: Log
+    nominal: Nominal
+    config: Config
+    windows: list[WindowMargins]
+    servo: Servo
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        from ..robustness import flight_margins as fm
+        required = self.nominal.margins
+        head = (f"{self.log.path}: margins of the loop of {self.nominal.name} as identified, window "
+                f"{self.config.window:g} s, value (95 % interval); required: {required.gain_db:g} dB, "
+                f"{required.phase_deg:g} degrees" + (f", {required.delay_ms:g} ms" if required.delay_ms > 0.0 else ""))
+        if not self.windows:
+            return (f"{head}\nno window of {self.config.window:g} s is complete: expected a longer log, or a smaller "
+                    "window")
+        return "\n".join([head, fm.table(self.report), *(self.report[words] for words in ("why", "next")
+                                                          if words in self.report)])
+
+    def columns(self) -> Columns:
+        return flat(self.report["windows"])
+
+    def write_report(self, folder: str | Path) -> None:
+        """report.html, margins.json and the figure."""
+        from ..results.reports import margins_report
+        margins_report(self, folder)
+
+    def _figure(self) -> Figure:
+        from ..results.margin_figures import margins_figure
+        return margins_figure(self.log, self.nominal, self.windows, self.report)

@@ -1,21 +1,35 @@
-"""The command `launchid uncertainty`: its options, and its run."""
+"""Where each parameter lies within its declared range: `launchid uncertainty`, `launchid.uncertainty`."""
+
+from __future__ import annotations
 
 import argparse
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sim.errors import UsageError
 
 from ..argument_checks import WINDOW
 from ..cli.common import check_outputs, check_plot, read_nominal, read_noting, tell
-from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict
+from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict, given
+from ..results.answer import Answer, flat
+
+if TYPE_CHECKING:
+    from launchid_core import Estimate
+    from sim.nominal import Nominal
+    from sim.result import Columns, Figure
+
+    from ..log.log import Log
+    from ..sources import LogSource, NominalSource
 
 
 def add(commands: Any) -> None:
     """Add the command and its options to the parser."""
     sub = add_command(commands, "uncertainty", "report where each parameter lies within its declared range",
-                      "launchid uncertainty v.csv vega_like --plot level.png")
+                      "launchid uncertainty v.csv vega_like --plot level.png", uncertainty)
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     sub.add_argument("nominal", metavar="NOMINAL.toml",
                      help=f"compare the log with the [uncertainty] of {NOMINAL_HELP}")
-    sub.add_argument("--window", type=float, default=WINDOW, metavar="S",
+    sub.add_argument("--window", type=float, metavar="S",
                      help="set the length of a window [s] (default %(default)s)")
     add_map(sub)
     add_strict(sub)
@@ -29,5 +43,59 @@ def run(args: argparse.Namespace) -> None:
     nominal = read_nominal(args.nominal)
     check_outputs(args.json, args.plot)
     check_plot(args.plot)
-    from ..results.of_logs import uncertainty
-    tell(uncertainty(log, nominal, window=args.window, strict=args.strict), args.json, args.plot)
+    tell(uncertainty(log, nominal, **given(uncertainty, args)), args.json, args.plot)
+
+
+def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = WINDOW,
+                strict: bool = False) -> UncertaintyLevel:
+    """Return the place of each parameter in its range, window by window, and the time when it left it.
+
+    Parameters
+    ----------
+    log : path, data frame, mapping of arrays, Log
+    nominal : path, name of a built-in one, or Nominal
+        With [uncertainty].
+    window : float
+        Length of a window [s].
+    strict : bool
+        What the data check finds is an InputError.
+
+    Returns
+    -------
+    UncertaintyLevel
+    """
+    from ..log.check import checked
+    from ..robustness import level
+    from ..sources import load_nominal, read_log
+    nominal = load_nominal(nominal)
+    seen = checked(read_log(log), nominal, strict=strict)
+    try:
+        estimates = level.follow(seen, nominal, window)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    return UncertaintyLevel(seen.log, nominal, window, estimates, level.report(estimates), seen.warnings)
+
+
+@dataclass(frozen=True, eq=False)
+class UncertaintyLevel(Answer):
+    """The place of each parameter in its range, window by window."""
+
+    log: Log
+    nominal: Nominal
+    window: float
+    estimates: list[Estimate]
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        from ..robustness import level
+        head = (f"{self.log.path}: delta of a = a0*(1 + sigma*delta) from the tracked estimate, "
+                f"window {self.window:g} s, period {self.log.period:g} s, range of {self.nominal.name}")
+        return "\n".join([head, level.table(self.estimates) if self.estimates else self.log.too_short(self.window)])
+
+    def columns(self) -> Columns:
+        return flat(self.report["windows"])
+
+    def _figure(self) -> Figure:
+        from ..results.figures import uncertainty_figure
+        return uncertainty_figure(self.log, self.estimates, self.nominal)

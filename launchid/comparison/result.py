@@ -8,19 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sim.errors import UsageError
 from sim.nominal import Nominal
 from sim.result import Columns
 
-from ..log.check import checked
 from ..log.detect import DataCheck
 from ..log.log import Log
-from ..progress import Counter
 from ..results.answer import Answer, flat
-from .dispersion import FLIGHTS, Dispersed, dispersed
-from .flown import CHANNELS, LATEST, flown
-from .frequency_response import COHERENT, Response, frequency_responses
-from .prediction import HORIZONS, Predictions, predictions
+from .dispersion import Dispersed
+from .flown import CHANNELS
+from .frequency_response import COHERENT, Response
+from .prediction import HORIZONS, Predictions
 from .statistics import NONE, Statistics, statistics
 
 if TYPE_CHECKING:
@@ -128,28 +125,6 @@ class Comparison(Answer):
         """report.html, compare.json and the figures."""
         from .page import write_comparison
         write_comparison(self, folder)
-
-
-def compare(log: Log, nominals: Sequence[Nominal], *, flights: int = FLIGHTS, strict: bool = False) -> Comparison:
-    """Hold a log beside nominals; `flights` dispersed ones of each, 0: none."""
-    if not nominals:
-        raise UsageError("compare: expected at least one nominal")
-    said: tuple[str, ...] = ()
-    made, first = list[Beside](), None
-    count = Counter(flights * len(nominals), "flights with the dispersions")
-    for label, nominal in zip(labels(nominals), nominals, strict=True):
-        seen = checked(log, nominal, strict=strict)
-        said += seen.warnings
-        clean = masked(seen.log, seen.data)
-        first = first or clean
-        made.append(Beside(label, nominal, predictions(seen.log, nominal, seen.data), flown(clean, nominal),
-                           dispersed(clean, nominal, flights, count) if flights > 0 else None,
-                           frequency_responses(clean, nominal)))
-    t = log.t[np.isfinite(log.t)]
-    if not 0.0 <= t.min() <= LATEST and any(each.nominal.controller is not None for each in made):
-        said += (f"{log.path}: begins at {t.min():g} s; flights of a nominal begin at 0 s, so none is flown beside it",)
-    assert first is not None
-    return Comparison(first, made, report(first, made), tuple(dict.fromkeys(said)))
 
 
 def labels(nominals: Sequence[Nominal]) -> list[str]:

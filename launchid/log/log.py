@@ -79,6 +79,14 @@ class Log(Result):
         return self.columns == other.columns and all(
             np.array_equal(x, getattr(other, name), equal_nan=True) for name, x in self.measured().items())
 
+    def too_short(self, window: float) -> str:
+        """Why no window [s] of the log is complete, in words."""
+        t = self.t[np.isfinite(self.t)]
+        if reason := self.unusable():
+            return f"no window of {window:g} s is complete: {reason}"
+        return (f"no window of {window:g} s is complete: the log has {len(t)} rows over {np.ptp(t):.4g} s; "
+                "expected a longer log, or a smaller window")
+
     def unusable(self) -> str:
         """The columns of no use to an estimator: those for which it rejects rows, in how many, and those that never
         change; in words, "" if there are none."""

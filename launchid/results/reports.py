@@ -15,8 +15,8 @@ from ..robustness.flight_margins import NAMES, UNITS, WORDS, closing_lines, inte
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .of_logs import Identification
-    from .of_margins import FlightMargins
+    from ..commands.identify import Identification
+    from ..commands.margins import FlightMargins
 
 COEFFICIENTS = ("a6", "k1")
 IDENTIFY_WORDS = (

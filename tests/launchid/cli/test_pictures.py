@@ -7,12 +7,12 @@ import pytest
 
 import launchid
 from launchid.cli.main import main
+from launchid.commands.identify import Identification
+from launchid.commands.identify import identify as identified
 from launchid.identification.windows import table
 from launchid.log.check import ideal_note
 from launchid.log.log import Log, flown_log, read_log, write_flight
 from launchid.results import residuals as rs
-from launchid.results.of_logs import Identification
-from launchid.results.of_logs import identify as identified
 from launchid_core import Change, Config, Estimator, Level, Sample
 from sim.errors import InputError
 from sim.flight import fly_whole

@@ -10,10 +10,11 @@ from scipy.linalg import expm, solve_discrete_are
 from scipy.stats import kstest
 
 import launchid
+from launchid.commands.compare import compare
 from launchid.comparison.dispersion import FIRST_SEED, Draw, dispersed, drawn, fly_drawn, place
 from launchid.comparison.flown import along, flown, quiet
 from launchid.comparison.prediction import predictions
-from launchid.comparison.result import Comparison, compare
+from launchid.comparison.result import Comparison
 from launchid.comparison.statistics import statistics
 from launchid.log.detect import check
 from launchid.log.log import Log, flown_log

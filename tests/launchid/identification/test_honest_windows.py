@@ -12,10 +12,10 @@ import pytest
 from compiled import compiled
 
 from launchid.cli.main import main
+from launchid.commands.identify import identify
 from launchid.identification.windows import run
 from launchid.log.check import checked
 from launchid.log.log import Log, flown_log, log_of, read_log, write_flight
-from launchid.results.of_logs import identify
 from launchid.weakform.rows import usable
 from launchid.weakform.windows import judged_windows
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status

@@ -12,10 +12,10 @@ import public_flights as flights
 import pytest
 
 import launchid
+from launchid.commands.identify import Identification, identify
+from launchid.commands.margins import margins
 from launchid.log.check import CheckedLog, checked
 from launchid.log.log import log_of
-from launchid.results.of_logs import Identification, identify
-from launchid.results.of_margins import margins
 from sim.errors import InputError
 
 Columns = dict[str, np.ndarray]

@@ -9,10 +9,10 @@ import math
 import numpy as np
 import pytest
 
+from launchid.commands.identify import Identification, identify
 from launchid.log.log import log_of
 from launchid.log.rates import HELD, INTERPOLATED, OWN, rate_of
 from launchid.log.stops import end_stops
-from launchid.results.of_logs import Identification, identify
 
 A6, K1 = 2.0, -6.0
 ROW = 0.004            # s, 250 Hz

@@ -12,9 +12,9 @@ import public_flights as flights
 import pytest
 
 from launchid.cli.main import main
+from launchid.commands.identify import Identification, identify
 from launchid.first_nominal import first
 from launchid.log.log import log_of, read_log
-from launchid.results.of_logs import Identification, identify
 from sim.nominal import load_nominal, write_nominal
 
 PUBLIC = Path(__file__).parents[2] / "public"

@@ -12,11 +12,12 @@ import pytest
 
 import launchid
 from launchid.cli.main import main
+from launchid.commands.fit_lft import fit_lft
+from launchid.commands.identify import identify
 from launchid.commands.simulate import simulate
 from launchid.first_nominal import first
 from launchid.log.check import faults
 from launchid.log.log import Log, flown_log, log_of, write_columns
-from launchid.results.of_logs import fit_lft, identify
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import BUILT_IN, Nominal, load_nominal
