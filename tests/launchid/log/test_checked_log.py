@@ -13,7 +13,6 @@ import pytest
 
 import launchid
 from launchid.commands.identify import Identification, identify
-from launchid.commands.margins import margins
 from launchid.log.check import CheckedLog, checked
 from launchid.log.log import log_of
 from sim.errors import InputError
