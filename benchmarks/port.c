@@ -25,8 +25,9 @@ int main(int argc, char **argv)
     launchid_sample *sample = malloc(room * sizeof *sample);
     double *least = malloc(room * sizeof *least);
     size_t n = 0;
-    while (n < room && sample && scanf("%lf %lf %lf %lf %lf %lf", &sample[n].t, &sample[n].theta, &sample[n].theta_dot,
-                                       &sample[n].beta, &sample[n].theta_ddot, &sample[n].beta_cmd) == 6) {
+    while (n < room && sample && scanf("%lf %lf %lf %lf %lf %lf %lf", &sample[n].t, &sample[n].theta, &sample[n].theta_dot,
+                                       &sample[n].beta, &sample[n].theta_ddot, &sample[n].beta_cmd,
+                                       &sample[n].gamma) == 7) {
         n++;
     }
     for (int repeat = 0; argc > 2 && repeat < repeats; repeat++) {

@@ -142,6 +142,6 @@ def kernel_operations(formulation: str, config: Config, sizes: list[tuple[int, i
     calls = KERNELS[formulation]
     cases = "".join(f"        case {k}:\n            {call};\n            break;\n"
                     for k, call in enumerate(calls.values()))
-    source = counted_source(c_files(config), KERNEL_DRIVER.replace("CALLS", cases))
+    source = counted_source(c_files(config, general=True), KERNEL_DRIVER.replace("CALLS", cases))
     given = "".join(f"{k} {m} {q}\n" for k in range(len(calls)) for m, q in sizes)
     return dict(zip(calls, np.split(_counts(source, given), len(calls)), strict=True))

@@ -18,15 +18,19 @@ from typing import Any
 import numpy as np
 
 from .config import Config
+from .filter.filtered import ROWS
+from .gate.guard import CARRIED, GROUP
 from .order.assembly import Memory
+from .order.table import FILTERED
 from .version import VERSION
 
 MAGIC = b"launchid"
-FORMAT = 1
+FORMAT = 2
 HEADER = struct.Struct("<8sHH16s16sQ")
 END = struct.Struct("<I")
 DIGEST = 8      # bytes of a choice's digest: two that differ are taken for equal once in 2^64
 WORD = 8        # bytes
+GUARD = "state.guard"
 
 
 def _choices(value: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -60,7 +64,7 @@ def preface(config: Config, memory: Memory) -> bytes:
 
 def save(config: Config, memory: Memory) -> bytes:
     """The state of an estimator with this configuration."""
-    words = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for _, array in memory.state_arrays())
+    words = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for array in _unsealed(memory))
     whole = preface(config, memory) + words
     return whole + END.pack(zlib.crc32(whole))
 
@@ -74,6 +78,42 @@ def restore(config: Config, memory: Memory, saved: bytes) -> None:
         kind = array.dtype.newbyteorder("<")
         array[...] = np.frombuffer(saved, kind, array.size, at).reshape(array.shape)
         at += WORD * array.size
+    memory.parts.state.guard[CARRIED] ^= seal_of(memory)
+
+
+def _unsealed(memory: Memory) -> Iterator[np.ndarray]:
+    """The arrays that persist; of the seal of what is carried on, which depends on the extents of records, what it is
+    off: 0 but where memory is damaged."""
+    for name, array in memory.state_arrays():
+        yield array ^ [0, seal_of(memory)] if name == GUARD else array
+
+
+def seal_of(memory: Memory) -> np.int64:
+    """The seal of what is carried on, as kernels compute it (`order.block.seal_carried`, `regression`), by numpy."""
+    seal = _folded(memory.words)
+    if memory.struct is FILTERED:
+        inner = np.uint64(0)
+        for row in memory.apart["rows"][:, :memory.parts.state.acc.counts[ROWS]]:
+            inner = _mixed(inner) ^ _folded(row)
+        seal = _mixed(seal) ^ inner
+    return seal.view(np.int64)
+
+
+def _folded(words: np.ndarray) -> np.uint64:
+    """`guard.fold` and `guard.fold_words`."""
+    bits, seal = np.ascontiguousarray(words).view(np.uint64), np.uint64(0)
+    turn = np.arange(bits.size, dtype=np.uint64) % np.uint64(GROUP)
+    turned = (bits << turn) | (bits >> ((np.uint64(GROUP) - turn) % np.uint64(GROUP)))
+    for begin in range(0, bits.size, GROUP):
+        seal = _mixed(seal) ^ np.bitwise_xor.reduce(turned[begin:begin + GROUP])
+    return seal
+
+
+def _mixed(seal: np.uint64) -> np.uint64:
+    """`guard.mixed`."""
+    seal ^= seal << np.uint64(13)
+    seal ^= seal >> np.uint64(7)
+    return seal ^ (seal << np.uint64(17))
 
 
 def _check(config: Config, arrays: list[np.ndarray], saved: bytes) -> int:

@@ -8,6 +8,7 @@ from . import checkpoint
 from .config import Config
 from .order import onboard
 from .order.assembly import Memory, allocate
+from .order.block import seal_carried
 from .order.entries import calls_of
 from .order.table import APART, CARRIED_FROM, FILTERED
 from .regression import regression
@@ -21,6 +22,7 @@ class Port(NamedTuple):
     carried  first line of the state that is sealed, with all after it
     update   function of the memory and a Sample -> Status
     report   function of the memory, filling the report; None for the formulations without one
+    seal     function of state, its words and rows -> seal of what is carried on; None where it is `guard.fold_words`
     preface  what a saved state begins with; behind it the words of what persists, least byte first, and the CRC-32 of
              all before (`Estimator.save`)
     saved_bytes  of a saved state
@@ -31,6 +33,7 @@ class Port(NamedTuple):
     carried: str
     update: Callable[..., Any]
     report: Callable[..., Any] | None
+    seal: Callable[..., Any] | None
     preface: bytes
     saved_bytes: int
 
@@ -42,5 +45,5 @@ def port_of(config: Config) -> Port:
     saved = checkpoint.preface(config, memory), len(checkpoint.save(config, memory))
     apart, carried = {name: part for name, part, *_ in APART[memory.struct.name]}, CARRIED_FROM[memory.struct.name]
     if memory.struct is FILTERED:
-        return Port(memory, apart, carried, onboard.update_filtered, onboard.report_now, *saved)
-    return Port(memory, apart, carried, regression.update_regression, None, *saved)
+        return Port(memory, apart, carried, onboard.update_filtered, onboard.report_now, seal_carried, *saved)
+    return Port(memory, apart, carried, regression.update_regression, None, None, *saved)

@@ -1,6 +1,11 @@
-/* Flips random bits of what persists and flies on.  Arguments: seed, number of flips; samples on stdin as `replay`.
+/* Damages what persists and flies on.  Arguments: seed, number of times, kind; samples on stdin as `replay`.
 
-   A flip comes before a random sample of the third last window but two; what becomes of it is, of the first that holds:
+   kind  bit:   one bit flips
+         pair:  the same bit flips in two words
+         near:  the same bit flips in two neighbouring words
+         swap:  two neighbouring words are exchanged
+         zero:  64 bytes become 0
+   It comes before a random sample of the third last window but two; what becomes of it is, of the first that holds:
      anew       an update answers RECOVERED: the seals have told
      same       every answer until the end has its bits, and so has the state but for counters
      forgotten  at the end of a window all of the state has its bits again
@@ -54,14 +59,37 @@ static double moved_of(const launchid_estimate *a, const launchid_estimate *b)
     return fmax(a->valid && b->valid ? window : 0.0, tracked);
 }
 
-/* A flip of one bit of the state before sample `at`; the window that it fell into is number 0. */
-static int fate(int at, int n, size_t bit, int *forgotten)
+/* Damages the state. */
+static void damage(const char *kind)
+{
+    const size_t words = sizeof state / 8U, a = (size_t)(draw() % (words - 1U));
+    const size_t b = strcmp(kind, "pair") == 0 ? (size_t)(draw() % words) : a + 1U;
+    const uint64_t bit = UINT64_C(1) << (draw() % 64U);
+    uint64_t word[sizeof state / 8U];
+    memcpy(word, &state, sizeof state);
+    if (strcmp(kind, "swap") == 0) {
+        const uint64_t kept = word[a];
+        word[a] = word[b];
+        word[b] = kept;
+    } else if (strcmp(kind, "zero") == 0) {
+        memset(&word[a], 0, 8U * (words - a < 8U ? words - a : 8U));
+    } else {
+        word[a] ^= bit;
+        if (strcmp(kind, "bit") != 0 && a != b) {
+            word[b] ^= bit;
+        }
+    }
+    memcpy(&state, word, sizeof state);
+}
+
+/* What becomes of damage before sample `at`; the window that it fell into is number 0. */
+static int fate(int at, int n, const char *kind, int *forgotten)
 {
     bool flagged = false, same = true;
     double most = 0.0;
     int windows = 0;
     state = states[at];
-    ((unsigned char *)&state)[bit / 8] ^= (unsigned char)(1U << (bit % 8U));
+    damage(kind);
     for (int k = at; k < n; k++) {
         const launchid_status status = launchid_state_update(&state, &work, &sample[k]);
         if (status == LAUNCHID_RECOVERED) {
@@ -125,7 +153,7 @@ int main(int argc, char **argv)
     }
     for (long k = 0; k < flips; k++) {
         const int at = first + (int)(draw() % (uint64_t)(last - first));
-        count[fate(at, n, (size_t)(draw() % (8U * sizeof state)), &forgotten)]++;
+        count[fate(at, n, argc > 3 ? argv[3] : "bit", &forgotten)]++;
     }
     for (int k = 0; k < CLASSES; k++) {
         printf("%s %ld\n", names[k], count[k]);

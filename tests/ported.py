@@ -120,6 +120,15 @@ CONFIGS = {
     "lpv": regression("integral", library="lpv", window=0.3),
 }
 
+CERTIFIED = {  # what is asked of every part of a port that a reviewer certifies
+    "constant": CONFIGS["filtered-range"],
+    "vega_like": CONFIGS["filtered-vega-range"],
+    "wind": rough(window=5.0),
+    "servo": CONFIGS["filtered-servo"],
+    "integral": regression("integral", library="rigid-body"),
+    "terms": CONFIGS["filtered-terms"],
+}
+
 
 def some(*names: str, of: Iterable[str] = CONFIGS) -> list[Any]:
     """The named ones of these configurations in every run, the others, cases of the same law, with `-m campaign`."""

@@ -8,11 +8,13 @@ casts of sums are calls, as MISRA C:2012 asks (12.1, 14.4, 10.8).
 import ast
 import inspect
 import math
+import re
 import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
+from .folding import Fact, extents_of
 from .inference import BY_HAND, TESTS, Inference, indices, is_unsigned, of_module, whole_number
 from .kinds import (
     DIMENSIONS,
@@ -20,6 +22,7 @@ from .kinds import (
     INTEGER,
     TRUTH,
     Array,
+    Called,
     Kind,
     Several,
     Struct,
@@ -27,7 +30,6 @@ from .kinds import (
     Whole,
     join,
     literal,
-    loosened,
 )
 
 ATOM, UNARY, PRODUCT, SUM, ORDER, EQUALITY, AND, OR, CHOICE = 20, 14, 13, 12, 10, 9, 5, 4, 3   # how tightly they bind
@@ -72,6 +74,8 @@ def _bracketed(code: str) -> str:
 
 def times(code: str, extent: str) -> str:
     """A product of an index, without what a factor 0 or 1 leaves out."""
+    if code.isdigit() and extent.isdigit():
+        return str(int(code) * int(extent))
     if code in ("0", "1"):
         return code if code == "0" else extent
     return code if extent == "1" else f"{_bracketed(code)} * {extent}"
@@ -79,9 +83,16 @@ def times(code: str, extent: str) -> str:
 
 def plus(code: str, more: str) -> str:
     """A sum of indices, without a 0."""
+    if code.isdigit() and more.isdigit():
+        return str(int(code) + int(more))
     if "0" in (code, more):
         return more if code == "0" else code
     return f"{_bracketed(code)} + {_bracketed(more)}"
+
+
+def less(code: str, by: str) -> str:
+    """A difference of indices."""
+    return str(int(code) - int(by)) if code.isdigit() and by.isdigit() else f"{code} - {by}"
 
 
 def address(pointer: str, offset: str) -> str:
@@ -94,6 +105,7 @@ class Expressions:
 
     def __init__(self, unit: Whole, kinds: Inference, module: str, arrays: Sequence[str]) -> None:
         self.unit, self.kinds, self.module, self.arrays = unit, kinds, module, arrays
+        self.calls: list[tuple[Called, list[Fact]]] = []
 
     def __call__(self, node: ast.expr, tightness: int = 0) -> str:
         """C of an expression, in brackets if it binds less tightly."""
@@ -103,7 +115,27 @@ class Expressions:
         writer: Callable[[Any], Code] | None = getattr(self, f"_{type(node).__name__.lower()}", None)
         if writer is None:
             raise Untranslatable(f"no C for {ast.unparse(node)}")
-        return writer(node)
+        number = self._known(node)
+        if number is None:
+            return writer(node)
+        code = literal(number)
+        return code, UNARY if code[0] == "-" else ATOM
+
+    def _known(self, node: ast.expr) -> int | bool | None:
+        """The count or truth value that an expression is before flight; None for one of names and numbers as they are
+        written, which are better read."""
+        if isinstance(node, (ast.Constant, ast.Tuple)) or self.kinds.of(node) not in (INTEGER, TRUTH):
+            return None
+        if not isinstance(node, (ast.Compare, ast.BoolOp, ast.IfExp)) and self._is_named(node):
+            return None
+        number = self.kinds.facts.number(node)
+        return None if number is None else bool(number) if self.kinds.of(node) == TRUTH else int(number)
+
+    def _is_named(self, node: ast.expr) -> bool:
+        """Whether an expression is of numbers and of names of modules alone."""
+        return all(isinstance(each, (ast.Constant, ast.operator, ast.unaryop, ast.BinOp, ast.UnaryOp, ast.expr_context))
+                   or (isinstance(each, ast.Attribute) and self.kinds.of_neighbour(each))
+                   or (isinstance(each, ast.Name) and each.id not in self.kinds.names) for each in ast.walk(node))
 
     @staticmethod
     def _bound(code: Code, tightness: int) -> str:
@@ -157,9 +189,6 @@ class Expressions:
         if self.kinds.of_neighbour(node):
             module = self.kinds.globals[node.value.id].__name__  # type: ignore[attr-defined]
             return self.unit.constant(module, node.attr, self.kinds.outside(node)), ATOM
-        known = self.kinds.known(node)
-        if known is not None:
-            return literal(known), ATOM
         kind = self.kinds.of(node)
         if isinstance(kind, Struct):
             return (self.member(node), ATOM) if self._is_placed(node.value) else (f"&{self.member(node)}", UNARY)
@@ -190,7 +219,8 @@ class Expressions:
         if kind.extents:
             return self.member(node), [str(n) for n in kind.extents]
         base = self(node, ATOM)
-        return f"{base}.p", [f"{base}.{d}" for d in DIMENSIONS[:kind.dimensions]]
+        extents = extents_of(self.kinds.facts(node), kind.dimensions)
+        return f"{base}.p", [f"{base}.{d}" if n is None else str(n) for d, n in zip(DIMENSIONS, extents, strict=False)]
 
     def _tuple(self, node: ast.Tuple) -> Code:
         return f"({self.unit.c(self.kinds.of(node))}){{{self.listed(node.elts)}}}", ATOM
@@ -205,6 +235,10 @@ class Expressions:
             raise Untranslatable(f"{ast.unparse(node)}: expected one of + - * / // %")
         symbol, tightness = SYMBOLS[type(node.op)]
         kind = self.kinds.of(node)
+        if kind == INTEGER and isinstance(node.op, ast.Mult):
+            for factor, other in ((node.left, node.right), (node.right, node.left)):
+                if self.kinds.facts.number(factor) == 1:
+                    return self._code(other)
         left, right = self.turned(node.left, kind, tightness), self.turned(node.right, kind, UNARY)
         return f"{left} {symbol} {right}", tightness
 
@@ -232,10 +266,17 @@ class Expressions:
 
     def _boolop(self, node: ast.BoolOp) -> Code:
         symbol, tightness = ("&&", AND) if isinstance(node.op, ast.And) else ("||", OR)
-        return f" {symbol} ".join(self.truth(each, UNARY) for each in node.values), tightness
+        undecided = self.kinds.facts.undecided(node)
+        if len(undecided) == 1:
+            code = self.truth(undecided[0])
+            return code, ATOM if code.isidentifier() else tightness
+        return f" {symbol} ".join(self.truth(each, UNARY) for each in undecided), tightness
 
     def _ifexp(self, node: ast.IfExp) -> Code:
-        kind = self.kinds.of(node)
+        kind, test = self.kinds.of(node), self.kinds.facts.number(node.test)
+        if test is not None:
+            code = self.turned(node.body if test else node.orelse, kind)
+            return code, ATOM if re.fullmatch(r"[\w.>-]*", code) else 0
         this, that = (self._branch(each, kind) for each in (node.body, node.orelse))
         return f"{self.truth(node.test, UNARY)} ? {this} : {that}", CHOICE
 
@@ -283,7 +324,7 @@ class Expressions:
     def _place(self, at: ast.expr, extent: str) -> str:
         """An index; one that is written negative counts from the end."""
         if isinstance(at, ast.UnaryOp) and isinstance(at.op, ast.USub):
-            return f"{extent} - {whole_number(at.operand)}"
+            return less(extent, str(whole_number(at.operand)))
         return self(at, SUM)
 
     def piece(self, node: ast.Subscript) -> str:
@@ -311,7 +352,7 @@ class Expressions:
         begin = address(pointer, first)
         if isinstance(high, ast.BinOp) and isinstance(high.op, ast.Add) and ast.dump(high.left) == ast.dump(low):
             return begin, self(high.right)
-        return begin, f"{end} - {self(low, UNARY)}"
+        return begin, less(end, self(low, UNARY))
 
     # ---- calls
 
@@ -335,10 +376,9 @@ class Expressions:
             return self._length(node.args[0]), ATOM
         if name in ("abs", "min", "max"):
             return self._extreme(name, node), ATOM
-        called, kinds = self.kinds.outside(node.func), [loosened(self.kinds.of(each)) for each in node.args]
-        given = [each for each, kind in zip(node.args, kinds, strict=True)
-                 if not (isinstance(kind, Struct) and kind.is_known)]
-        return f"{self.unit.kernel(called, kinds).name}({self.listed(given)})", ATOM
+        called = self.kinds.called(node)
+        self.calls.append((called, [self.kinds.facts(each) for each in node.args]))
+        return f"{called.name}({self.listed(called.written(node.args))})", ATOM
 
     def _converted(self, argument: ast.expr, c: str) -> Code:
         if isinstance(argument, ast.Constant) and isinstance(argument.value, str):

@@ -2,16 +2,17 @@
 
 import ast
 import inspect
-import operator
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from .folding import Fact, Facts
 from .kinds import (
     FLOAT,
     INTEGER,
     NOTHING,
     TRUTH,
     Array,
+    Called,
     Kind,
     Known,
     Several,
@@ -23,13 +24,12 @@ from .kinds import (
     loosened,
 )
 
-DECIDED: dict[type, Callable[[int, int], bool]] = {ast.Eq: operator.eq, ast.Gt: operator.gt}
 PASSES = 8             # a kernel whose kinds do not settle in so many has a variable that changes its kind
 TESTS = ("np.isfinite", "np.isnan", "np.isinf")
 MODULES = ("np", "math")
-BY_HAND: dict[str, Kind] = {  # written in C by hand: exclusive or of words, powers of two
-    "xor_double": INTEGER, "xor_integer": INTEGER, "fold_words": INTEGER, "fraction_of": FLOAT, "exponent_of": INTEGER,
-    "scaled": FLOAT}
+BY_HAND: dict[str, Kind] = {  # written in C by hand: seals, powers of two
+    "seal_double": INTEGER, "seal_integer": INTEGER, "mixed": INTEGER, "fold_words": INTEGER, "fraction_of": FLOAT,
+    "exponent_of": INTEGER, "scaled": FLOAT}
 
 
 def of_module(node: ast.expr) -> bool:
@@ -57,11 +57,14 @@ def whole_number(node: ast.expr) -> int:
 class Inference:
     """Kinds in one kernel for one choice of its arguments."""
 
-    def __init__(self, unit: Whole, tree: ast.FunctionDef, around: dict[str, Any], kinds: Sequence[Kind]) -> None:
-        self.unit, self.globals = unit, around
+    def __init__(self, unit: Whole, tree: ast.FunctionDef, around: dict[str, Any], kinds: Sequence[Kind],
+                 given: Sequence[Fact]) -> None:
+        self.unit, self.globals, self.asked = unit, around, set[Called]()
         names = [argument.arg for argument in tree.args.args]
         self.names: dict[str, Kind] = dict(zip(names, kinds, strict=True))
+        self.facts = Facts(self, tree, dict(zip(names, given, strict=True)))
         self.result: Kind | None = None
+        self.settled, self.kept = False, dict[int, tuple[ast.expr, Kind]]()
         for _ in range(PASSES):
             before = dict(self.names), self.result
             self._read_all(tree.body)
@@ -69,39 +72,37 @@ class Inference:
                 break
         else:
             raise Untranslatable(f"{tree.name}: the kinds of its variables do not settle")
-        self.result = self.result or NOTHING
+        self.result, self.settled = self.result or NOTHING, True
 
     # ---- statements
 
-    def decided(self, test: ast.expr) -> bool | None:
-        """The answer of a comparison of what is known with a number as it is written; None for every other test."""
-        if not (isinstance(test, ast.Compare) and len(test.ops) == 1 and isinstance(test.comparators[0], ast.Constant)):
-            return None
-        known, number, compare = self.known(test.left), test.comparators[0].value, DECIDED.get(type(test.ops[0]))
-        return None if known is None or compare is None or not isinstance(number, int) else compare(known, number)
-
-    def known(self, node: ast.expr) -> int | None:
-        """The value of a field that is known before flight; None for everything else."""
-        if isinstance(node, ast.Attribute) and not of_module(node) and not self.of_neighbour(node):
-            kind = self.of(node.value)
-            field = kind.field(node.attr) if isinstance(kind, Struct) else None
-            return field.value if isinstance(field, Known) else None
-        return None
-
     def alive(self, body: list[ast.stmt]) -> Iterator[ast.stmt]:
         """Statements that can be reached, one after the other, so that each may be read before the next is decided:
-        decided branches in their place, nothing after a return among them."""
+        decided branches in their place, no loop without turns, nothing after a return among them."""
         for node in body:
-            answer = self.decided(node.test) if isinstance(node, ast.If) else None
-            if answer is None or not isinstance(node, ast.If):
-                yield node
-                last = node
-            else:
+            last: ast.stmt | None = node
+            answer = self.facts.decided(node.test) if isinstance(node, ast.If) else None
+            if isinstance(node, ast.If) and answer is not None:
                 last = None
                 for last in self.alive(node.body if answer else node.orelse):
                     yield last
+            elif not (isinstance(node, ast.For) and self.facts.turns(node) == 0):
+                yield node
             if isinstance(last, ast.Return):
                 return
+
+    def result_of(self, call: ast.Call) -> Fact:
+        """What is known of a kernel's result where it does nothing else; None for every other call."""
+        name = ast.unparse(call.func)
+        if name in BY_HAND or name in ("min", "max"):
+            return None
+        return self.called(call).answer
+
+    def called(self, call: ast.Call) -> Called:
+        """The kernel that a call calls."""
+        kernel = self.unit.kernel(self.outside(call.func), [loosened(self.of(argument)) for argument in call.args])
+        self.asked.add(kernel)
+        return kernel
 
     def _read_all(self, body: list[ast.stmt]) -> None:
         for statement in self.alive(body):
@@ -154,10 +155,15 @@ class Inference:
 
     def of(self, node: ast.expr) -> Kind:
         """The kind of an expression."""
+        if id(node) in self.kept:
+            return self.kept[id(node)][1]
         reader: Callable[[Any], Kind] | None = getattr(self, f"_of_{type(node).__name__.lower()}", None)
         if reader is None:
             raise Untranslatable(f"no C for {ast.unparse(node)}")
-        return reader(node)
+        kind = reader(node)
+        if self.settled:
+            self.kept[id(node)] = node, kind
+        return kind
 
     def _of_constant(self, node: ast.Constant) -> Kind:
         return kind_of(node.value)
@@ -251,14 +257,12 @@ class Inference:
             return BY_HAND[name]
         if name in ("int", "len"):
             return INTEGER
-        kinds = tuple(loosened(self.of(argument)) for argument in node.args)
         if name in ("min", "max", "abs"):
             joined: Kind | None = None
-            for kind in kinds:
-                joined = join(joined, kind)
+            for argument in node.args:
+                joined = join(joined, self.of(argument))
             assert joined is not None
             return joined
-        called = self.outside(node.func)
-        result = self.unit.kernel(called, kinds).result
+        result = self.called(node).result
         assert result is not None
         return result

@@ -4,10 +4,12 @@ import ast
 import inspect
 import re
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from typing import Any
 
-from .expressions import SYMBOLS, UNARY, Expressions, word
+from .expressions import SYMBOLS, UNARY, Expressions, times, word
+from .folding import Fact, extents_of
 from .inference import Inference, indices
 from .kinds import (
     DIMENSIONS,
@@ -16,6 +18,7 @@ from .kinds import (
     NOTHING,
     TRUTH,
     Array,
+    Called,
     Kind,
     Several,
     Struct,
@@ -28,6 +31,9 @@ INDENT = "    "
 ZERO: dict[Kind, str] = {FLOAT: "0.0", INTEGER: "0", TRUTH: "false"}
 NOWHERE: dict[type, str] = {Struct: "NULL"}
 UNUSED = "_"
+SHORT = 16             # turns of a loop that are gone through to see whether a test in it has one answer
+PURE = {"modulo", "quotient", "counted", "as_real", "as_whole", "fabs", "sqrt", "floor", "min_double", "max_double",
+        "min_integer", "max_integer"}
 GIVEN = "{}_given"     # an argument that the kernel changes: its own copy has the name
 
 
@@ -50,14 +56,21 @@ def comment_of(about: str | None) -> str:
     return "\n   ".join([f"/* {lines[0]}", *lines[1:]]).replace("\n   \n", "\n\n") + " */\n"
 
 
-def _without_unused(lines: list[str]) -> list[str]:
-    """The lines without addresses of structs that only gave what is known before flight."""
-    kept = list(lines)
-    for line in lines:
-        declared = re.match(r"\s*(?:const )?Launchid\w+ \*(\w+) = ", line)
-        if declared and not any(re.search(rf"\b{declared[1]}\b", other) for other in kept if other is not line):
-            kept.remove(line)
-    return kept
+def _without_unused(lines: list[str], pure: set[str]) -> list[str]:
+    """The lines without variables that only gave what is known before flight."""
+    kept: list[str] = []
+    read: set[str] = set()
+    for line in reversed(lines):
+        declared = re.match(r"\s*(?:const )?\w+ \*?(\w+) = .*;$", line)
+        if not declared or declared[1] in read or not set(re.findall(r"(\w+)\(", line)) <= pure:
+            kept.append(line)
+            read |= _words([line.replace(f"{declared[1]} = ", "") if declared else line])
+    return kept[::-1]
+
+
+def _words(lines: list[str]) -> set[str]:
+    """Names in lines of C but for those of members."""
+    return set(re.findall(r"(?<![\w.>])[A-Za-z_]\w*", "\n".join(lines)))
 
 
 def rename_counters(tree: ast.FunctionDef) -> None:
@@ -75,16 +88,18 @@ def rename_counters(tree: ast.FunctionDef) -> None:
                 node.id = f"{name}{number}_"
 
 
+@cache
+def _source(function: Callable[..., Any]) -> str:
+    return textwrap.dedent(inspect.getsource(function))
+
+
 class Kernel:
     """A kernel for one choice of its arguments' kinds."""
 
     def __init__(self, unit: Whole, function: Callable[..., Any], arguments: tuple[Kind, ...], name: str) -> None:
-        self.unit, self.name, self.module = unit, name, function.__module__
-        tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
-        assert isinstance(tree, ast.FunctionDef)
-        self.tree, self.around, self.arguments = tree, function.__globals__, arguments
-        self.lines: list[str] = []
-        self.temporaries = 0
+        self.unit, self.name, self.function, self.arguments = unit, name, function, arguments
+        self.module, self.around = function.__module__, function.__globals__
+        self.given: list[Fact] = [None] * len(arguments)
 
     @property
     def result(self) -> Kind | None:
@@ -93,13 +108,21 @@ class Kernel:
 
     def translate(self) -> None:
         """Fill the function's lines; kernels that it calls are translated before."""
+        tree = ast.parse(_source(self.function)).body[0]
+        assert isinstance(tree, ast.FunctionDef)
+        self.tree, self.temporaries = tree, 0
+        self.lines: list[str] = []
         try:
             for node in ast.walk(self.tree):
                 if isinstance(node, ast.For) and isinstance(node.target, ast.Name):
                     self._refuse_reading_after(node, node.target.id)
             rename_counters(self.tree)
-            self.kinds = Inference(self.unit, self.tree, self.around, self.arguments)
-            self.tree.body = self._alive(self.tree.body)
+            size = 0
+            while size != len(list(ast.walk(self.tree))):  # what is gone may leave a name with one value
+                size = len(list(ast.walk(self.tree)))
+                self.kinds = Inference(self.unit, self.tree, self.around, self.arguments, self.given)
+                self._drop_unread()
+                self.tree.body = self._alive(self.tree.body)
             self.local_arrays = self._local_arrays()
             self.first = first_assignments(self.tree)
             self.c = Expressions(self.unit, self.kinds, self.module, self.local_arrays)
@@ -108,33 +131,90 @@ class Kernel:
             text = str(error)
             raise Untranslatable(text if text.startswith("kernel ") else
                                  f"kernel {self.module}.{self.tree.name}: {text}") from None
+        self.answer, self.hands_on = self._answer(), self._hands_on()
+
+    def learn(self, given: list[Fact]) -> bool:
+        """Translate again with what is known of the arguments; whether its callers have to write another call."""
+        before, self.given = (repr(self.answer), self.hands_on), given
+        self.translate()
+        return before != (repr(self.answer), self.hands_on)
+
+    @property
+    def asked(self) -> set[Called]:
+        """The kernels whose kinds and answers it has asked for."""
+        return self.kinds.asked
 
     def _alive(self, body: list[ast.stmt]) -> list[ast.stmt]:
         """The statements that these arguments can reach."""
-        kept = list(self.kinds.alive(body))
-        for node in kept:
-            for inner in ("body", "orelse"):
-                if hasattr(node, inner):
-                    setattr(node, inner, self._alive(getattr(node, inner)))
+        kept = []
+        for node in self.kinds.alive(body):
+            around = self.kinds.facts.ranges
+            if isinstance(node, ast.For) and isinstance(node.target, ast.Name):
+                through = self.kinds.facts.range_of(node)
+                if through is not None and len(through) <= SHORT:
+                    self.kinds.facts.ranges = around | {node.target.id: through}
+            if isinstance(node, (ast.If, ast.For)):
+                node.body, node.orelse = self._alive(node.body), self._alive(node.orelse)
+                if isinstance(node, ast.If) and not node.body and node.orelse:
+                    node.test, node.body, node.orelse = ast.UnaryOp(ast.Not(), node.test), node.orelse, []
+            if not isinstance(node, (ast.If, ast.For)) or node.body:
+                kept.append(node)
+            self.kinds.facts.ranges = around
         return kept
+
+    def _drop_unread(self) -> None:
+        """Take away the assignments of numbers that nothing reads, but for what a call gives."""
+        statements = [node for node in ast.walk(self.tree) if isinstance(node, (ast.Assign, ast.AugAssign))]
+        targets = {id(node): node.targets if isinstance(node, ast.Assign) else [node.target] for node in statements}
+        unread = [node for node in statements if self._is_known(targets[id(node)][0])]
+        of_unread = {id(each) for node in unread for each in ast.walk(node)}
+        read = {node.id for node in ast.walk(self.tree) if isinstance(node, ast.Name) and id(node) not in of_unread
+                and isinstance(node.ctx, ast.Load)}
+        for node in statements:
+            names = [each for target in targets[id(node)] for each in
+                     (target.elts if isinstance(target, ast.Tuple) and isinstance(node.value, (ast.Call, ast.Attribute))
+                      else [target])]
+            for each in names:
+                if isinstance(each, ast.Name) and each.id not in read:
+                    each.id = UNUSED
+
+    def _answer(self) -> Fact:
+        """The one number that it returns, if it does nothing else."""
+        nodes = list(ast.walk(self.tree))
+        found = {repr(self.kinds.facts.number(node.value)): self.kinds.facts.number(node.value) for node in nodes
+                 if isinstance(node, ast.Return)}
+        return next(iter(found.values())) if self.is_pure and len(found) == 1 else None
+
+    @property
+    def is_pure(self) -> bool:
+        """Whether it does nothing but to answer."""
+        return (all(called.is_pure for called in self.asked) and not any(
+            isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store) for node in ast.walk(self.tree)))
+
+    def written(self, given: Iterable[Any]) -> list[Any]:
+        """Of what is given for its arguments, what C hands on: what is known before flight is in the function."""
+        return [each for each, is_written in zip(given, self.hands_on, strict=True) if is_written]
+
+    def _hands_on(self) -> list[bool]:
+        pure = PURE | {called.name for called in self.asked if called.is_pure}
+        self.lines = _without_unused(
+            [*self._declarations([each.arg for each in self.tree.args.args]), *self.lines], pure)
+        read = _words(self.lines)
+        return [word(each.arg) in read for each in self.tree.args.args]
 
     def source(self) -> str:
         """The whole function."""
-        names = [argument.arg for argument in self.tree.args.args]
-        given = {name: kind for name, kind in zip(names, self.arguments, strict=True)
-                 if not (isinstance(kind, Struct) and kind.is_known)}
+        names = (argument.arg for argument in self.tree.args.args)
+        given = dict(self.written(zip(names, self.arguments, strict=True)))
         stored = _names(self.tree.body, ast.Store)
         arguments = ", ".join(
             typed(self.unit.c(kind), GIVEN.format(name) if name in stored else word(name))
             for name, kind in given.items()) or "void"
         result = self.kinds.result
         assert result is not None
-        lines = _without_unused(self.lines)
-        unused = [f"{INDENT}(void){word(name)};" for name in given
-                  if name not in stored and not any(re.search(rf"\b{word(name)}\b", line) for line in lines)]
         own = [f"{INDENT}{typed(self.unit.c(kind), word(name))} = {GIVEN.format(name)};"
                for name, kind in given.items() if name in stored]
-        body = "\n".join([*own, *self._declarations(names), *unused, *lines])
+        body = "\n".join([*own, *self.lines])
         head = f"static {typed(self.unit.c(result), self.name)}({arguments})"
         return f"{comment_of(ast.get_docstring(self.tree))}{head}\n{{\n{body}\n}}\n"
 
@@ -156,7 +236,7 @@ class Kernel:
     def _declarations(self, arguments: list[str]) -> list[str]:
         """The declarations of local variables that no assignment can declare."""
         declared = set().union(*self.first.values()) if self.first else set()
-        known = {name for name, kind in self.kinds.names.items() if isinstance(kind, Struct) and kind.is_known}
+        known = {name for name in self.kinds.names if self._is_known(ast.Name(name, ast.Load()))}
         left_out = {*arguments, *self._counters(), *self.local_arrays, *declared, *known, UNUSED}
         return [f"{INDENT}{typed(self.unit.c(kind), word(name))} = {ZERO.get(kind, NOWHERE.get(type(kind), '{0}'))};"
                 for name, kind in self.kinds.names.items() if name not in left_out]
@@ -170,6 +250,8 @@ class Kernel:
     def _is_known(self, target: ast.expr) -> bool:
         """Whether a variable holds what is known before flight alone."""
         kind = self.kinds.names.get(target.id) if isinstance(target, ast.Name) else None
+        if kind in (INTEGER, TRUTH):
+            return self.kinds.facts.number(target) is not None
         return isinstance(kind, Struct) and kind.is_known
 
     def _temporary(self, name: str) -> str:
@@ -237,7 +319,7 @@ class Kernel:
         if node.target.id in stored or abs(step) != 1:
             raise Untranslatable(f"line {node.lineno}: a loop that sets its own variable, or by a step of {step}")
         end = self.c(high, UNARY)
-        moves = any(isinstance(each, (ast.Subscript, ast.Call)) for each in ast.walk(high))
+        moves = not end.isdigit() and any(isinstance(each, (ast.Subscript, ast.Call)) for each in ast.walk(high))
         if moves or stored & _names([high], ast.Load):
             end = self._temporary("end")
             self._line(depth, f"const int64_t {end} = {self.c(high)};")
@@ -257,6 +339,8 @@ class Kernel:
     def _augassign(self, node: ast.AugAssign, depth: int) -> None:
         if type(node.op) not in SYMBOLS:
             raise Untranslatable(f"{ast.unparse(node)}: expected +=, -=, *= or /=")
+        if isinstance(node.target, ast.Name) and node.target.id == UNUSED:
+            return
         value = self.c.turned(node.value, self.kinds.of(node.target))
         self._line(depth, f"{self.c(node.target)} {SYMBOLS[type(node.op)][0]}= {value};")
 
@@ -264,7 +348,10 @@ class Kernel:
         if len(node.targets) > 1 and not isinstance(node.value, ast.Constant):
             raise Untranslatable(f"{ast.unparse(node)}: expected one target, or a constant")
         for target in node.targets:
-            if isinstance(target, ast.Tuple):
+            if isinstance(target, ast.Name) and target.id == UNUSED:
+                if any(isinstance(each, ast.Call) for each in ast.walk(node.value)):
+                    self._line(depth, f"(void){self.c(node.value)};")
+            elif isinstance(target, ast.Tuple):
                 self._unpack(target, node, depth)
             elif isinstance(target, ast.Subscript) and any(isinstance(at, ast.Slice) for at in indices(target)):
                 self._fill(target, node.value, depth)
@@ -320,6 +407,8 @@ class Kernel:
         whole = ast.Subscript(target.value, ast.Tuple(lead, ast.Load()), ast.Load()) if lead else target.value
         kind, of = self.kinds.of(whole), self.kinds.of(value)
         assert isinstance(kind, Array)
+        if 0 in extents_of(self.kinds.facts(whole), kind.dimensions):
+            return
         to, at = self._temporary("to"), self._temporary("at")
         self._line(depth, f"const {kind.c} {to} = {self.c(whole)};")
         source = self.c.turned(value, kind.element)
@@ -330,9 +419,9 @@ class Kernel:
         elif not isinstance(value, (ast.Constant, ast.Name, ast.Attribute)):
             source = self._temporary("value")
             self._line(depth, f"const {kind.element.c} {source} = {self.c.turned(value, kind.element)};")
-        count = ""
-        for d in DIMENSIONS[:kind.dimensions]:
-            count = f"({count}) * {to}.{d}" if " " in count else f"{count} * {to}.{d}" if count else f"{to}.{d}"
+        count = "1"
+        for d, n in zip(DIMENSIONS, extents_of(self.kinds.facts(whole), kind.dimensions), strict=False):
+            count = times(count, f"{to}.{d}" if n is None else str(n))
         self._line(depth, f"for (int64_t {at} = 0; {at} < {f'({count})' if ' ' in count else count}; {at}++) {{")
         self._line(depth + 1, f"{to}.p[{at}] = {source};")
         self._line(depth, "}")

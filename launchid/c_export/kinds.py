@@ -8,7 +8,7 @@ struct, handed on by its address) and, as results, plain tuples.  An integer of 
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -32,12 +32,14 @@ NAMES = {FLOAT: ("Vector", "Matrix", "Cube"), INTEGER: ("Integers", "IntegerMatr
 
 @dataclass(frozen=True)
 class Array:
-    """A contiguous array; one with extents is a struct's own, and `constant` if nothing may write to it."""
+    """A contiguous array; one with extents is a struct's own, and `constant` if nothing may write to it; value: of one
+    that never changes."""
 
     element: Scalar
     dimensions: int
     extents: tuple[int, ...] = ()
     constant: bool = False
+    value: Any = field(default=None, compare=False, repr=False)
 
     @property
     def loose(self) -> "Array":
@@ -128,7 +130,7 @@ def struct_of(value: Any, constant: bool = False) -> Struct:
         if isinstance(each, int):
             kinds.append(Known(each))
         elif isinstance(each, np.ndarray):
-            kinds.append(Array(ELEMENTS[each.dtype.kind], each.ndim, each.shape, constant))
+            kinds.append(Array(ELEMENTS[each.dtype.kind], each.ndim, each.shape, constant, each if constant else None))
         else:
             kinds.append(struct_of(each, constant))
     return Struct(type(value), tuple(kinds), constant)
@@ -165,6 +167,15 @@ class Called(Protocol):
 
     @property
     def result(self) -> Kind | None: ...
+
+    @property
+    def answer(self) -> Any: ...
+
+    @property
+    def is_pure(self) -> bool: ...
+
+    def written(self, given: Iterable[Any]) -> list[Any]:
+        """Of what is given for its arguments, what C hands on."""
 
 
 class Whole(Protocol):

@@ -3,6 +3,7 @@
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from string import Template
 from types import ModuleType
@@ -13,8 +14,9 @@ import numpy as np
 from launchid_core import EDGES, Config, EstimateStatus, Port, Status, port_of
 
 from .expressions import FUNCTIONS
+from .folding import Fact
 from .kinds import ELEMENTS, FLOAT, Array, Kind, Struct, array_types, literal, struct_of
-from .unit import Unit
+from .unit import Key, Unit
 
 TEMPLATES = Path(__file__).parent / "template"
 NUMBERS_A_LINE = 6
@@ -22,11 +24,13 @@ BYTES_A_LINE = 20
 STACK_LIMIT = 2048     # bytes of the deepest call at -O2; tests/test_port_kit.py computes it
 OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|STATES|GUARD)_([A-Z0-9_]+)\b")
 FIXED, STATE, WORK = "fixed", "state", "work"
+GUARD = f"{STATE}.guard"
 
 
-def c_files(config: Config) -> dict[str, str]:
-    """File name -> text of an estimator with this configuration.  Nothing is compiled for it."""
-    program = _Program(config, port_of(config))
+def c_files(config: Config, general: bool = False) -> dict[str, str]:
+    """File name -> text of an estimator with this configuration; `general`: kernels that know nothing of their callers,
+    to count what they do of arrays of any extents."""
+    program = _Program(config, port_of(config), general)
     header, source = program.header(), program.source()
     functions = sorted(name for name in (*FUNCTIONS, "fabs", "frexp", "ldexp") if re.search(rf"\b{name}\(", source))
     return {"launchid.h": header, "launchid.c": source, "replay.c": template("replay.c", {}),
@@ -49,7 +53,7 @@ def _enumeration(names: type[Status] | type[EstimateStatus]) -> str:
 class _Program:
     """One configuration's."""
 
-    def __init__(self, config: Config, port: Port) -> None:
+    def __init__(self, config: Config, port: Port, general: bool) -> None:
         self.config, self.port, self.unit = config, port, Unit()
         memory = port.memory
         parts = memory.parts._asdict()
@@ -62,7 +66,33 @@ class _Program:
         self.kinds: dict[str, Kind] = {"size": struct_of(memory.size), "block": self.block, "words": structs[STATE],
                                        **apart}
         self.unit.struct(self.block)
+        roots = self._roots()
+        sealed = replace(structs[STATE], constant=True)
+        if port.seal is not None:
+            rows = memory.apart["rows"]
+            key: Key = getattr(port.seal, "py_func", port.seal), (sealed, sealed, Array(FLOAT, 2, constant=True))
+            roots[key] = [None, None, rows.shape]
+        for function, kinds in roots:
+            self.unit.kernel(function, kinds)
+        if not general:
+            self.unit.settle(roots)
+        self.seal = f"fold_words(&state->{STATE})"
+        if port.seal is not None:
+            kernel, extents = self.unit.kernel(*key), ", ".join(map(str, rows.shape))
+            given = f"&state->{STATE}", f"&state->{STATE}", f"(ConstMatrix){{state->rows, {extents}}}"
+            self.seal = f"{kernel.name}({', '.join(kernel.written(given))})"
         self.update, self.report = self._call(port.update), self._call(port.report)
+
+    def _roots(self) -> dict[Key, list[Fact]]:
+        """What is known of the memory that the two kernels take."""
+        apart = {name: array if self.port.apart[name] == FIXED else array.shape
+                 for name, array in self.port.memory.apart.items()}
+        called = [function for function in (self.port.update, self.port.report) if function is not None]
+        return {self._key(function): [apart.get(name) for name in _arguments(function)] for function in called}
+
+    def _key(self, function: Any) -> Key:
+        return (getattr(function, "py_func", function),
+                tuple(self.kinds.get(name, FLOAT) for name in _arguments(function)))
 
     def _apart(self, kind: str) -> dict[str, np.ndarray]:
         """The arrays that stand apart, of what is fixed, persists or is scratch."""
@@ -72,9 +102,8 @@ class _Program:
         """C of a call with the memory that the function takes, and a sample `s`."""
         if function is None:
             return ""
-        names = list(_arguments(function))
-        kernel = self.unit.kernel(function, [self.kinds.get(name, FLOAT) for name in names])
-        return f"{kernel.name}({', '.join(self._given(name) for name in names if name != 'size')})"
+        kernel = self.unit.kernel(*self._key(function))
+        return f"{kernel.name}({', '.join(map(self._given, kernel.written(_arguments(function))))})"
 
     def _given(self, name: str) -> str:
         """C of an argument."""
@@ -93,28 +122,27 @@ class _Program:
         for path, array in self._state():
             flat = array.ravel()
             places = np.flatnonzero((flat != 0) | np.signbit(flat) if flat.dtype.kind == "f" else flat != 0)
-            for k in places.tolist() if path != f"{STATE}.guard" else ():
+            for k in places.tolist() if path != GUARD else ():
                 yield f"    state->{path}[{k}] = {literal(flat[k])};\n"
 
     def _seal(self) -> str:
-        """The seal of what is carried on: as the core's `fold_words` over the same arrays."""
+        """The seal of what is carried on: as the core's `fold_words`, array by array in the extents in use."""
         state = self.port.memory.parts.state
         first = state._fields.index(self.port.carried)
-        lines = [f"static int64_t fold_words(const {self.unit.struct(self.structs[STATE])} *state)",
+        lines = [template("seal.c", {}),
+                 f"static int64_t fold_words(const {self.unit.struct(self.structs[STATE])} *state)",
                  "{", "    int64_t seal = 0;"]
         for name, part in list(zip(state._fields, state, strict=True))[first:]:
-            for path, array in _arrays(part, name):
-                if array.size:
-                    fold = "xor_double" if array.dtype.kind == "f" else "xor_integer"
-                    lines += [f"    for (int64_t k = 0; k < {array.size}; k++) {{",
-                              f"        seal = {fold}(seal, state->{path}[k]);", "    }"]
+            lines += [f"    seal = fold_{'numbers' if array.dtype.kind == 'f' else 'counts'}(seal, state->{path}, "
+                      f"{array.size});" for path, array in _arrays(part, name) if array.size]
         return "\n".join([*lines, "    return seal;", "}\n"])
 
     def _constants(self) -> str:
         """The constants: tables and the fixed struct."""
         fixed = self.port.memory.parts.fixed
         tables = [f"static const double {name.upper()}[] = {_numbers(array, 1)};\n"
-                  for name, array in self._apart(FIXED).items()]
+                  for name, array in self._apart(FIXED).items()
+                  if re.search(rf"\b{name.upper()}\b", self.update + self.report)]
         return "\n".join([*tables, f"static const {self.unit.struct(self.structs[FIXED])} FIXED = "
                                    f"{_initialiser(fixed)};\n"])
 
@@ -142,7 +170,8 @@ class _Program:
                  for path, array in self._state() if array.size]
         saves, restores = ("".join(f"    at = {does}_{kind}(saved, at, state->{path}, {n}U);\n"
                                    for path, n, kind in kinds) for does in ("put", "take"))
-        return {"preface": ",\n    ".join(rows), "saves": saves, "restores": restores}
+        saves = saves.replace(f"state->{GUARD}", "guard")
+        return {"preface": ",\n    ".join(rows), "saves": saves, "restores": restores, "seal": self.seal}
 
     def sizes(self) -> dict[str, object]:
         """The configuration in words, and its sizes."""
@@ -175,11 +204,13 @@ class _Program:
         own = "\n".join([
             template("report.c", {"report": self.report, "block": block}) if self.port.report
             else template("no_report.c", {}),
-            template("estimator.c", {"initial": "".join(self._initial()), "update": self.update, "block": block}),
+            template("estimator.c", {"initial": "".join(self._initial()), "update": self.update, "block": block,
+                                      "seal": self.seal}),
             template("save.c", self._saved())])
         for module, name in OWN_CONSTANT.findall(own):
             home = _module(module.lower())
             self.unit.constant(home.__name__, name, getattr(home, name))
+        self.unit.own = own
         names = ",\n    ".join(f'"{term}"' for term in self.config.terms)
         body = "\n".join([
             f"const char *const launchid_terms[LAUNCHID_TERMS] = {{\n    {names}}};\n",

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import math
+import re
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -11,23 +12,29 @@ from typing import Any
 
 import numpy as np
 
+from .folding import Fact, differ, shared
 from .kernel import Kernel, typed
 from .kinds import Array, Kind, Known, Scalar, Struct, kind_of, literal
 
 INT_MAX = 2**31 - 1    # of an enumerator
 
 
+Key = tuple[Callable[..., Any], tuple[Kind, ...]]
+
+
 class Unit:
     """Kernels are translated when they are asked for, once for each kinds of arguments."""
 
     def __init__(self) -> None:
-        self.kernels: dict[tuple[Callable[..., Any], tuple[Kind, ...]], Kernel] = {}
+        self.kernels: dict[Key, Kernel] = {}
         self.order: list[Kernel] = []
         self.structs: dict[Kind, str] = {}
         self.declarations: list[str] = []
         self.results: list[str] = []
         self.constants: dict[str, str] = {}
         self.named: dict[str, int] = {}
+        self.reached: set[Kernel] = set()
+        self.own = ""       # C that is written by hand
 
     def kernel(self, dispatcher: Any, kinds: Iterable[Kind]) -> Kernel:
         """The translation of a kernel for arguments of these kinds."""
@@ -84,12 +91,39 @@ class Unit:
             self.constants[label] = _definition(label, value)
         return label
 
+    def settle(self, roots: dict[Key, list[Fact]]) -> None:
+        """Tell each kernel what its calls have in common, until none learns more; roots: what is given from outside."""
+        news = self._news(roots)
+        while news:
+            changed = {kernel for kernel, facts in news.items() if kernel.learn(facts)}
+            while changed:
+                changed = {kernel for kernel in self.order if kernel.asked & changed and kernel.learn(kernel.given)}
+            news = self._news(roots)
+
+    def _news(self, roots: dict[Key, list[Fact]]) -> dict[Kernel, list[Fact]]:
+        """Kernels that are called, and what their calls have in common, where they do not know it yet."""
+        found = {self.kernels[key]: facts for key, facts in roots.items()}
+        waiting = list(found)
+        while waiting:
+            for called, facts in waiting.pop().c.calls:
+                assert isinstance(called, Kernel)
+                if called in found:
+                    found[called] = [shared(a, b) for a, b in zip(found[called], facts, strict=True)]
+                else:
+                    found[called] = facts
+                    waiting.append(called)
+        self.reached = set(found)
+        return {kernel: facts for kernel, facts in found.items() if any(map(differ, facts, kernel.given))}
+
     def source(self) -> str:
-        """Constants, structs of results and functions."""
-        counts = [text for text in self.constants.values() if text.startswith(" ")]
-        others = [text for text in self.constants.values() if not text.startswith(" ")]
-        return "\n".join(["enum {", *counts, "};\n", *others, "", *self.results,
-                          *(made.source() for made in self.order)])
+        """Constants, structs of results and functions, as far as they are used."""
+        functions = [made.source() for made in self.order if made in self.reached or not self.reached]
+        used = set(re.findall(r"\w+", "\n".join(functions) + self.own))
+        constants = {label: text for label, text in self.constants.items() if label in used}
+        counts = [text for text in constants.values() if text.startswith(" ")]
+        others = [text for text in constants.values() if not text.startswith(" ")]
+        results = [text for text in self.results if re.findall(r"\w+", text)[-1] in used]
+        return "\n".join(["enum {", *counts, "};\n", *others, "", *results, *functions])
 
 
 def _writable(kind: Kind) -> Kind:

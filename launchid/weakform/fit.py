@@ -54,6 +54,9 @@ def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = ()) -> Fi
     Where the rest is not as white as the two ratios make it, its own spectrum in bands is the noise.
     """
     n, q = len(m.y), m.phi.shape[1] + m.ends.shape[1]
+    if not np.any(m.y):   # at rest
+        k = m.phi.shape[1]
+        return Fit(np.full(k, math.nan), np.full((k, k), math.nan), np.ones(n), m.y, m.y, n - q, True)
     own, scale, _ = noise_likelihood(m)
     s = mixed(m, own if likelihood is None else likelihood, scale)
     for step in range(3):   # the scale; what the quadrature of these coefficients may be off; the rest's own spectrum
@@ -93,13 +96,10 @@ def solved(m: Modes, s: np.ndarray, prior: Prior = ()) -> tuple[np.ndarray, np.n
     What the sensors' noise adds to the columns' products is taken off them (errors in variables: bias-compensated least
     squares), and from those with the slope of theta what its own noise adds.
     """
-    with np.errstate(over="ignore", invalid="ignore"):   # of a body at rest
-        w = apart(m, s, m.phi) / np.sqrt(s)[:, None]
-        gram, right = products(w, w), products(w, (m.y / np.sqrt(s))[:, None])[:, 0]
-        passed = m.step**2 * (1.0 - 0.25 * m.curl) * (1.0 + m.curl / 12.0) ** 2 / s   # of Gregory's rule
-        inner = gram - m.sensor * float(np.sum(passed))
-    if not np.all(np.isfinite(inner)):
-        return np.full(len(right), math.nan), None
+    w = apart(m, s, m.phi) / np.sqrt(s)[:, None]
+    gram, right = products(w, w), products(w, (m.y / np.sqrt(s))[:, None])[:, 0]
+    passed = m.step**2 * (1.0 - 0.25 * m.curl) * (1.0 + m.curl / 12.0) ** 2 / s   # of Gregory's rule
+    inner = gram - m.sensor * float(np.sum(passed))
     if not m.has_rate:
         right = right + m.motion * float(np.sum(m.curl * (1.0 - 0.25 * m.curl) / s))
     for k, value, std in prior:

@@ -1,14 +1,16 @@
 """Seals over the memory that steers the estimator or is carried on: they show whether it changed by itself.
 
-A seal is the exclusive or of all words of what it guards, so any one word that changed by itself is seen, whichever
-bits of it did (radiation, a stray write).  Three of them:
+A seal is the exclusive or of all words of what it guards, each turned by its place, and mixed anew after every GROUP
+words: one word that changed by itself is seen, whichever bits of it did (radiation, a stray write), and so are the same
+bit in two words, two neighbours exchanged and words that became zero.  Three of them:
 
 * CONTROL, over clock and window counts, looked at and renewed with every sample;
 * one for each row of the ring, looked at when the row is used;
 * CARRIED, over everything else that persists (filter, information, tracker, detectors, structure, range, generator of
   rows), looked at before a block or a window uses it and renewed afterwards.
 
-Not guarded: the counters of answers, and the last outcome, which the next window overwrites.
+Not guarded: the counters of answers, and the last outcome, which the next window overwrites.  Whatever a seal says,
+no place and no count of rows is used that does not lie within its array (`is_control_whole`, `block.is_within`).
 
 What is not as it was left is not used: the kernel answers RECOVERED and the caller begins anew.  So does it where what
 is carried is no longer sound: not finite, or absurd (`onboard.is_sound`).
@@ -20,18 +22,31 @@ from ..kernels import inner
 from . import ring as rb
 
 CONTROL, CARRIED = range(2)
+GROUP = 64     # words: the bits of a word, so that no two of a group are turned alike
 
 
 @inner
-def xor_integer(seal, n):
-    """The seal with the integer n taken in: seal xor n."""
-    return seal ^ n
+def seal_integer(seal, n, place):
+    """The seal with the integer n taken in, turned to the left by its place."""
+    bits, turn = np.int64(n).view(np.uint64), np.uint64(place & 63)
+    turned = (bits << turn) | (bits >> ((np.uint64(64) - turn) & np.uint64(63)))
+    return seal ^ np.uint64(turned).view(np.int64)
 
 
 @inner
-def xor_double(seal, x):
-    """The seal with the bits of the double x taken in: seal xor these."""
-    return seal ^ np.float64(x).view(np.int64)
+def seal_double(seal, x, place):
+    """The seal with the bits of the double x taken in, turned to the left by its place."""
+    return seal_integer(seal, np.float64(x).view(np.int64), place)
+
+
+@inner
+def mixed(seal):
+    """The seal's bits spread over it: a step of the generator xorshift64 (Marsaglia, J. Stat. Softw. 8, 2003)."""
+    bits = np.int64(seal).view(np.uint64)
+    bits ^= bits << np.uint64(13)
+    bits ^= bits >> np.uint64(7)
+    bits ^= bits << np.uint64(17)
+    return np.uint64(bits).view(np.int64)
 
 
 @inner
@@ -39,7 +54,9 @@ def fold(x, count):
     """Seal of the first `count` doubles of a vector."""
     seal = 0
     for k in range(count):
-        seal = xor_double(seal, x[k])
+        if k % GROUP == 0:
+            seal = mixed(seal)
+        seal = seal_double(seal, x[k], k)
     return seal
 
 
@@ -47,8 +64,11 @@ def fold(x, count):
 def fold_words(words):
     """Seal of the words that an estimator carries on, seen as int64."""
     seal = 0
-    for k in range(words.shape[0]):
-        seal ^= words[np.uint64(k)]
+    for begin in range(0, words.shape[0], GROUP):
+        part = 0
+        for k in range(begin, min(begin + GROUP, words.shape[0])):
+            part = seal_integer(part, words[np.uint64(k)], k)
+        seal = mixed(seal) ^ part
     return seal
 
 
@@ -60,7 +80,7 @@ def seal_control(clock, counts):
     """Seal of what says where samples go and when windows close."""
     seal = fold(clock, rb.N_CLOCK)
     for k in range(rb.COUNT_FIRST):
-        seal = xor_integer(seal, counts[k])
+        seal = seal_integer(seal, counts[k], rb.N_CLOCK + k)
     return seal
 
 
@@ -80,9 +100,12 @@ def are_rows_whole(ring, seals, counts):
 
 
 @inner
-def is_control_whole(state):
-    """Whether clock and counts are as they were left."""
-    return seal_control(state.clock, state.counts) == state.guard[CONTROL]
+def is_control_whole(state, capacity):
+    """Whether clock and counts are as they were left, and within a ring of so many rows."""
+    counts = state.counts
+    within = 0 <= counts[rb.HEAD] < capacity and 0 <= counts[rb.ROWS] < capacity
+    within = within and 0 <= counts[rb.CLOSED_ROWS] < capacity and 0 <= counts[rb.CLOSED_BACK] <= 1
+    return within and counts[rb.WAITING] >= 0 and seal_control(state.clock, counts) == state.guard[CONTROL]
 
 
 @inner
@@ -105,7 +128,7 @@ def refuse(limits, counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamm
 def take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Gate and ring: the sample's Status.  Its row, clock and counts stay as they are until they are used."""
     counts = state.counts
-    if not is_control_whole(state):
+    if not is_control_whole(state, ring.shape[0]):
         return refuse(fixed.limits, counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     newest = counts[rb.HEAD]
     code = rb.push(fixed.limits, state.clock, counts, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
@@ -130,5 +153,5 @@ def fold_rows(rows, columns, count):
     """Seal of the first `count` numbers of so many columns of a block's rows."""
     seal = 0
     for j in range(columns):
-        seal = xor_integer(seal, fold(rows[j], count))
+        seal = seal_integer(mixed(seal), fold(rows[j], count), 0)
     return seal

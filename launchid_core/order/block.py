@@ -20,7 +20,7 @@ from ..filter.states import LAST, N_STATES, RUNNING, WITHDRAWN_CHANGES
 from ..filter.structure import absorb_structure
 from ..filter.whiteness import contradicted_by, drop_blocks, forget_blocks, queue_block, watch_model
 from ..gate import ring as rb
-from ..gate.guard import CARRIED, fold_rows, fold_words, is_row_whole, xor_integer
+from ..gate.guard import CARRIED, fold_rows, fold_words, is_row_whole, mixed, seal_integer
 from ..kernels import inner, kernel
 from ..model import TURBULENCE
 from ..regression.plan import ESTIMATE_LEVELS
@@ -28,7 +28,7 @@ from ..watch import changes as ch
 from ..watch.changes import follow_onsets, open_onset, raise_alarm, settle_event, withdraw_events
 from ..watch.gusts import follow_gust, forget_gust, is_gust, take_gust
 from ..watch.tracker import MEMBERS, MEMORY, SLOPE_TIME, absorb, mix, restart_bank, track
-from ..watch.undeclared import FOUND, follow_undeclared, go_back
+from ..watch.undeclared import AGE, FOUND, NEWER, follow_undeclared, go_back
 
 NOTHING, CLOSE, SET_STEP = range(3)  # what is to be done after `gather`
 
@@ -113,9 +113,18 @@ def span_of(fixed, state):
 @inner
 def seal_carried(state, words, rows):
     """Seal of all that is carried from block to block."""
-    count = min(max(state.acc.counts[fl.ROWS], 0), rows.shape[1])  # which may have changed by itself
-    carried = fold_words(words)
-    return xor_integer(carried, fold_rows(rows, rows.shape[0], count))
+    carried = mixed(fold_words(words))
+    return seal_integer(carried, fold_rows(rows, rows.shape[0], state.acc.counts[fl.ROWS]), 0)
+
+
+@inner
+def is_within(state, ring, rows):
+    """Whether every place and count that is carried on lies within its array."""
+    seen, flag, other = state.watch.counts, state.check.flag, state.undeclared.flag
+    within = 0 <= state.acc.counts[fl.ROWS] <= rows.shape[1] and state.counts[rb.WAITING] <= ring.shape[0]
+    within = within and 0 <= seen[ch.NEXT] < ONSETS and 0 <= seen[ch.KEPT] <= ONSETS and seen[ch.EVENTS] >= 0
+    within = within and 0 <= flag[wh.OLDEST] < ONSETS and 0 <= flag[wh.WAITING] <= ONSETS
+    return within and 0 <= other[NEWER] <= 1 and other[AGE] >= 0
 
 
 @kernel
@@ -125,7 +134,10 @@ def is_block_whole(block, ring, seals, rows, words):
     words  in  of the block what is carried on, seen as int64
     """
     state = block[0].state
-    whole, capacity = seal_carried(state, words, rows) == state.guard[CARRIED], ring.shape[0]
+    capacity = ring.shape[0]
+    whole = is_within(state, ring, rows) and seal_carried(state, words, rows) == state.guard[CARRIED]
+    if not whole:
+        return False
     for back in range(1, state.counts[rb.WAITING] + 1):
         whole = whole and is_row_whole(ring, seals, (state.counts[rb.HEAD] - back) % capacity)
     return whole

@@ -172,7 +172,7 @@ def report_changes(profile, watch, rep):
     """Give those of the last MAX_EVENTS sudden changes that stand, oldest first; a change of both parameters is two
     rows."""
     rep.flag[CHANGES] = 0
-    events = watch.counts[ch.EVENTS]
+    events = max(0, watch.counts[ch.EVENTS])
     for number in range(max(0, events - ch.MAX_EVENTS), events):
         event = watch.event[number % ch.MAX_EVENTS]
         if event[ch.E_STAGE] == ch.WITHDRAWN:

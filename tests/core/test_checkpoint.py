@@ -176,7 +176,7 @@ def with_header(state: bytes, place: int, value) -> bytes:
 
 
 @pytest.mark.parametrize(("place", "value", "said"), [
-    (1, 2, "format 2, expected 1"), (3, b"0.0.1", r"of launchid 0\.0\.1, expected"), (4, b"\1" * 16, "layout"),
+    (1, 1, "format 1, expected 2"), (3, b"0.0.1", r"of launchid 0\.0\.1, expected"), (4, b"\1" * 16, "layout"),
     (4, FORMER_LAYOUT, "saved state: its layout is another build's")])
 def test_another_version_is_refused(place, value, said):
     estimator = Estimator(CONFIGS["integral"])

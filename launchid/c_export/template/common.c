@@ -6,8 +6,23 @@
 #include <stdlib.h>
 #include <string.h>
 
-#if defined(__FAST_MATH__) || (defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != 0)
-#error "expected plain double precision: no -ffast-math, no wider intermediate results (-mfpmath=sse on x87 machines)"
+/* Options that take NaN and infinities for what never is, or sum in another order, would give other answers. */
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ != 0))
+#error "expected NaN and infinities: no -ffast-math, no -ffinite-math-only"
+#endif
+#if defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__)
+#error "expected every operation as it is written: no -funsafe-math-optimizations and none of its parts"
+#endif
+#if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
+#error "expected plain double precision: no wider intermediate results (-mfpmath=sse on x87 machines)"
+#endif
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#pragma clang fp reassociate(off)
+#elif defined(__GNUC__)
+#pragma GCC optimize("fp-contract=off")
+#else
+#pragma STDC FP_CONTRACT OFF
 #endif
 
 /* ---- arrays, and what C does otherwise than Python */
@@ -50,17 +65,30 @@ static inline int64_t quotient(int64_t a, int64_t b)
     return (((a % b) != 0) && ((a < 0) != (b < 0))) ? (towards_zero - 1) : towards_zero;
 }
 
-/* Exclusive or of words: seals of what is to stay as it is. */
-static inline int64_t xor_integer(int64_t a, int64_t b)
+/* A seal of what is to stay as it is, with another word, turned to the left by its place. */
+static inline int64_t seal_integer(int64_t seal, int64_t n, int64_t place)
 {
-    const uint64_t word = (uint64_t)a ^ (uint64_t)b;
-    return (int64_t)word;
+    const uint64_t bits = (uint64_t)n;
+    const uint64_t turn = (uint64_t)place & 63U;
+    const uint64_t turned = (bits << turn) | (bits >> ((64U - turn) & 63U));
+    const uint64_t both = (uint64_t)seal ^ turned;
+    return (int64_t)both;
 }
 
-static inline int64_t xor_double(int64_t seal, double x)
+static inline int64_t seal_double(int64_t seal, double x, int64_t place)
 {
     const Bits bits = {.number = x};
-    return xor_integer(seal, bits.word);
+    return seal_integer(seal, bits.word, place);
+}
+
+/* A step of the generator xorshift64. */
+static inline int64_t mixed(int64_t seal)
+{
+    uint64_t bits = (uint64_t)seal;
+    bits ^= bits << 13U;
+    bits ^= bits >> 7U;
+    bits ^= bits << 17U;
+    return (int64_t)bits;
 }
 
 /* x as a fraction from 0.5 to 1 times a power of two. */

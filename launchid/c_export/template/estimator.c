@@ -3,7 +3,7 @@
 void launchid_state_reset(launchid_state *state)
 {
     (void)memset(state, 0, sizeof *state);
-$initial    state->state.guard[GUARD_CARRIED] = fold_words(&state->state);
+$initial    state->state.guard[GUARD_CARRIED] = $seal;
 }
 
 launchid_status launchid_state_update(launchid_state *state, launchid_work *work, const launchid_sample *s)

@@ -1,6 +1,7 @@
 /* ---- the state as bytes: preface, the state's words with the least byte first, CRC-32 of all before
 
-   The preface holds a digest of every choice and of the layout: a state of another configuration or version differs. */
+   Of the seal of what is carried on, what it is off is saved: 0 but of a state that was damaged before.  The preface
+   holds a digest of every choice and of the layout: a state of another configuration or version differs. */
 
 #define WORD_BYTES 8U
 #define CHECKSUM_BYTES 4U
@@ -85,6 +86,8 @@ bool launchid_state_save(const launchid_state *state, uint8_t saved[LAUNCHID_SAV
     }
     size_t at = sizeof preface;
     (void)memcpy(saved, preface, sizeof preface);
+    const int64_t guard[] = {state->state.guard[GUARD_CONTROL],
+                             seal_integer(state->state.guard[GUARD_CARRIED], $seal, 0)};
 $saves    uint32_t crc = checksum(saved, at);
     for (size_t k = 0U; k < CHECKSUM_BYTES; k++) {
         saved[at + k] = (uint8_t)(crc & 0xFFU);
@@ -114,5 +117,6 @@ launchid_restored launchid_state_restore(launchid_state *state, const uint8_t sa
     }
     at = sizeof preface;
 $restores    (void)at;
+    state->state.guard[GUARD_CARRIED] = seal_integer(state->state.guard[GUARD_CARRIED], $seal, 0);
     return LAUNCHID_RESTORED;
 }

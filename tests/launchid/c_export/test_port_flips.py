@@ -1,6 +1,6 @@
-"""Bits of the C estimator's state flip: no crash, nothing out of bounds, and each is found, forgotten or counts only.
+"""The C estimator's state is damaged: no crash, nothing out of bounds, and it is found, forgotten or counts only.
 
-The whole campaign, a million flips of each: `python -m pytest -m campaign tests/test_port_flips.py`.
+The whole campaign, a million flips of each: `python -m pytest -m campaign tests/launchid/c_export/test_port_flips.py`.
 """
 
 import subprocess
@@ -22,15 +22,20 @@ FLIPPED = {
 }
 
 
-def fates(folder: Path, config: Config, flips: int, flags: tuple[str, ...], seed: int = 1) -> dict[str, int]:
-    """The number of flips by their outcome."""
+def fates(folder: Path, config: Config, flips: int, flags: tuple[str, ...], seed: int = 1,
+          kinds: tuple[str, ...] = ("bit",)) -> dict[str, int]:
+    """The number of flips by their outcome, of the last of these kinds of damage."""
     written(folder, config)
     subprocess.run([str(CC), *STRICT, *flags, "-I.", str(SHARED / "port_flips.c"), "launchid.c", "-lm", "-o", "flips"],
                    cwd=folder, check=True)
-    done = subprocess.run(["./flips", str(seed), str(flips)], cwd=folder, input=as_text(flight()[1700:2400]),
-                          capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-    return {word: int(count) for word, count in (line.split() for line in done.stdout.splitlines())}
+    found: dict[str, int] = {}
+    for kind in kinds:
+        done = subprocess.run(["./flips", str(seed), str(flips), kind], cwd=folder, text=True, check=False,
+                              input=as_text(flight()[1700:2400]), capture_output=True)
+        assert (done.returncode, done.stderr) == (0, "")
+        found = {word: int(count) for word, count in (line.split() for line in done.stdout.splitlines())}
+        assert found["more"] == found["little"] == 0, kind
+    return found
 
 
 def assert_held(found: dict[str, int], flips: int) -> None:
@@ -55,3 +60,21 @@ def test_a_million_flipped_bits(name, flips, flags, tmp_path):
     found = fates(tmp_path, FLIPPED[name], flips, flags, seed=2)
     print(name, found)
     assert_held(found, flips)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["filtered", "integral"])
+def test_words_that_are_damaged_together_are_found_or_forgotten(name, tmp_path):
+    """A plain exclusive or of words sees neither the same bit in two of them nor two that are exchanged."""
+    found = fates(tmp_path, FLIPPED[name], 500, ("-O1", *SANE), seed=3, kinds=("pair", "near", "swap", "zero"))
+    assert found["anew"] > 50 and found["forgotten"] > 50
+
+
+@needs_compiler
+@pytest.mark.campaign
+@pytest.mark.parametrize(("kind", "times"), [("pair", 20_000), ("near", 5_000), ("swap", 5_000), ("zero", 5_000)])
+@pytest.mark.parametrize("name", FLIPPED)
+def test_many_words_that_are_damaged_together(name, kind, times, tmp_path):
+    found = fates(tmp_path, FLIPPED[name], times, CHECKED, seed=11, kinds=(kind,))
+    print(name, kind, found)
+    assert found["anew"] > times // 10 and found["forgotten"] > times // 50

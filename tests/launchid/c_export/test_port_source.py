@@ -1,6 +1,7 @@
 """The exported source by the rules of flight software: no warning, no required MISRA rule broken, loops and calls."""
 
 import csv
+import platform
 import re
 import shutil
 import subprocess
@@ -8,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from ported import CONFIGS, WARNINGS, some, written
+from ported import CERTIFIED, CONFIGS, WARNINGS, some, written
 
 MISRA = Path(__file__).parents[2] / "misra_c2012.csv"
 COMPILERS = ("gcc", "clang")
@@ -24,6 +25,83 @@ def test_no_compiler_warns(compiler, name, tmp_path):
     done = subprocess.run([compiler, "-std=c99", *WARNINGS, "-fsyntax-only", *files], cwd=folder, capture_output=True,
                           text=True, check=False)
     assert done.stderr == "" and done.returncode == 0
+
+
+# ---- options that break NaN or the order of sums
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize("option", ["-ffast-math", "-ffinite-math-only", "-Ofast"])
+def test_an_option_without_nan_is_refused(compiler, option, tmp_path):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler} here")
+    folder = written(tmp_path, CERTIFIED["integral"])
+    done = subprocess.run([compiler, "-std=c99", option, "-w", "-fsyntax-only", "launchid.c"], cwd=folder,
+                          capture_output=True, text=True, check=False)
+    assert done.returncode != 0 and "expected NaN and infinities" in done.stderr
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here")
+@pytest.mark.parametrize("options", ["-funsafe-math-optimizations", "-freciprocal-math", "-fno-signed-zeros",
+                                     "-fassociative-math -fno-signed-zeros -fno-trapping-math"])
+def test_gcc_may_not_reorder_sums(options, tmp_path):
+    done = subprocess.run(["gcc", "-std=c99", *options.split(), "-fsyntax-only", "launchid.c"],
+                          cwd=written(tmp_path, CERTIFIED["integral"]), capture_output=True, text=True, check=False)
+    assert done.returncode != 0 and "every operation as it is written" in done.stderr
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64" or shutil.which("gcc") is None, reason="an option of gcc's x86-64")
+def test_wider_intermediate_results_are_refused(tmp_path):
+    done = subprocess.run(["gcc", "-std=c99", "-mfpmath=387", "-fsyntax-only", "launchid.c"], capture_output=True,
+                          cwd=written(tmp_path, CERTIFIED["integral"]), text=True, check=False)
+    assert done.returncode != 0 and "expected plain double precision" in done.stderr
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="options of x86-64")
+@pytest.mark.parametrize(("compiler", "options"), [
+    ("gcc", "-std=gnu99 -ffp-contract=fast"), ("gcc", "-std=gnu99"), ("clang", "-ffp-contract=on"),
+    ("clang", "-funsafe-math-optimizations -ffp-contract=on")])
+def test_pragmas_forbid_to_contract(compiler, options, tmp_path):
+    """Not one fused multiply-add, on a machine that has them."""
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler} here")
+    folder = written(tmp_path, CERTIFIED["integral"])
+    build = [compiler, "-O2", "-mfma", *options.split(), "-S", "launchid.c", "-o"]
+    subprocess.run([*build, "out.s"], cwd=folder, check=True)
+    assert not re.search(r"vfn?m(add|sub)", (folder / "out.s").read_text(encoding="utf-8"))
+    source = (folder / "launchid.c").read_text(encoding="utf-8")
+    (folder / "launchid.c").write_text(source.replace("#pragma", "//"), encoding="utf-8")
+    subprocess.run([*build, "free.s"], cwd=folder, check=True)
+    assert re.search(r"vfn?m(add|sub)", (folder / "free.s").read_text(encoding="utf-8"))  # which they would be
+
+
+# ---- what cannot run
+
+UNREACHABLE = ("-Wunreachable-code-aggressive", "-Wunused", "-Wtautological-compare", "-Werror")
+NO_TURN = re.compile(r"for \(int64_t (\w+) = (\d+); \1 < (\d+);")
+
+
+@pytest.mark.skipif(shutil.which("clang") is None, reason="no clang here")
+def test_clang_sees_what_cannot_be_reached(tmp_path):
+    (tmp_path / "launchid.c").write_text("int f(int a);\nint f(int a)\n{\n    if (4 > 5) {\n        a = 0;\n    }\n"
+                                         "    return a;\n}\n", encoding="utf-8")
+    assert "never be executed" in subprocess.run(["clang", *UNREACHABLE, "-fsyntax-only", "launchid.c"], cwd=tmp_path,
+                                                 capture_output=True, text=True, check=False).stderr
+
+
+@pytest.mark.skipif(shutil.which("clang") is None, reason="no clang here")
+@pytest.mark.parametrize("name", some("constant", "servo", "integral", of=CERTIFIED))
+def test_nothing_is_there_that_cannot_run(name, tmp_path):
+    """No branch that a constant decides, no loop of no turns, no function that nothing calls."""
+    folder = written(tmp_path, CERTIFIED[name])
+    done = subprocess.run(["clang", "-std=c99", *UNREACHABLE, "-fsyntax-only", "launchid.c"], cwd=folder,
+                          capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    source = (folder / "launchid.c").read_text(encoding="utf-8")
+    loops = [(int(low), int(high)) for _, low, high in NO_TURN.findall(source)]
+    assert len(loops) > 30 and all(low < high for low, high in loops)
+    assert not re.search(r"\bif \(!?(true|false|\(?-?\d+ [<>=!]+ -?\d+\)?)\)", source)
+    assert not re.search(r"(&&|\|\||\() ?!?(true|false)\b ?(&&|\|\|)|\(\d+ [<>=!]+ \d+\)", source)
 
 
 # ---- MISRA C:2012

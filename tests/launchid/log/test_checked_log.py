@@ -13,7 +13,6 @@ import pytest
 
 import launchid
 from launchid.commands.identify import Identification, identify
-from launchid.commands.margins import margins
 from launchid.log.check import CheckedLog, checked
 from launchid.log.log import log_of
 from sim.errors import InputError
@@ -193,5 +192,8 @@ def test_every_command_takes_the_checked_log():
                      ("log.detect", "log.channels", "log.stops", "log.stamps", "log.relations", "log.slope"))
                  for alias in node.names}
         assert room in makers or names <= {"ONE_MOTION", "usable_rows", "DataCheck"}, path
-    for function in (identify, margins):
-        assert "checked" in function.__globals__ and isinstance(checked(log_of(flights.fly(2.0))), CheckedLog)
+    for name in ("identify", "margins", "uncertainty", "fit_lft"):
+        tree = ast.parse((ROOT / "commands" / f"{name}.py").read_text(encoding="utf-8"))
+        assert "checked" in {alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
+                             for alias in node.names}, name
+    assert isinstance(checked(log_of(flights.fly(2.0))), CheckedLog)

@@ -1,0 +1,248 @@
+"""What is known of an expression before flight: its number, the numbers of an array that never changes, or extents.
+
+Facts come from the configuration (fields of `Size`, the fixed struct, tables), from constants of modules and, for an
+argument, from what every call of the kernel gives it (`unit.Unit`).  What they decide is not written in C: a condition
+is its answer, a branch that it excludes is gone, and so is a loop of no turns.
+"""
+
+import ast
+import itertools
+import operator
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .kinds import INTEGER, TRUTH, Array, Known, Struct
+
+if TYPE_CHECKING:
+    from .inference import Inference
+
+Fact = Any  # int, float, bool; an array that never changes; a tuple of an array's extents, None where unknown; None
+NUMBERS = (bool, int, float)
+OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod, ast.Eq: operator.eq, ast.NotEq: operator.ne,
+    ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
+    ast.In: lambda a, b: None if None in b else a in b}
+CALLS: dict[str, Callable[..., Any]] = {
+    "abs": abs, "min": min, "max": max, "int": int, "float": float, "np.isfinite": np.isfinite, "np.isnan": np.isnan,
+    "np.isinf": np.isinf}
+
+
+def fact_of(value: Any) -> Fact:
+    """What a value of Python says."""
+    if isinstance(value, (np.generic, *NUMBERS)):
+        return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, tuple) and not hasattr(value, "_fields"):
+        value = np.array(value)
+    return value if isinstance(value, np.ndarray) and value.dtype.kind in "bif" else None
+
+
+def shared(a: Fact, b: Fact) -> Fact:
+    """What two calls have in common."""
+    if isinstance(a, NUMBERS) or isinstance(b, NUMBERS):
+        return a if type(a) is type(b) and repr(a) == repr(b) else None
+    if a is None or b is None or a is b:
+        return a if a is b else None
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray) and a.shape == b.shape and a.tobytes() == b.tobytes():
+        return a
+    x, y = (each.shape if isinstance(each, np.ndarray) else each for each in (a, b))
+    return tuple(m if m == n else None for m, n in zip(x, y, strict=True))
+
+
+def differ(a: Fact, b: Fact) -> bool:
+    """Whether one says what the other does not."""
+    both = shared(a, b)
+    return repr(both) != repr(a) or repr(both) != repr(b)
+
+
+def extents_of(fact: Fact, dimensions: int) -> tuple[int | None, ...]:
+    """Extents of an array, None where unknown."""
+    if isinstance(fact, np.ndarray):
+        return fact.shape
+    return fact if isinstance(fact, tuple) else (None,) * dimensions
+
+
+class Facts:
+    """The facts of one kernel; given: of its arguments."""
+
+    def __init__(self, kinds: "Inference", tree: ast.FunctionDef, given: dict[str, Fact]) -> None:
+        self.kinds = kinds
+        self.kept: dict[int, tuple[ast.expr, Fact]] = {}
+        self.ranges: dict[str, range] = {}   # of the loops around a statement, as far as they are short
+        stores = [node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+        self.given = {name: fact for name, fact in given.items() if name not in stores}
+        self.once = {name: value for name, value in _assignments(tree) if stores.count(name) == 1 and name not in given}
+
+    def number(self, node: ast.expr | None) -> Any:
+        """The number or truth value of an expression; None where it is not known."""
+        fact = None if node is None else self(node)
+        return fact if isinstance(fact, NUMBERS) else None
+
+    def decided(self, test: ast.expr) -> Any:
+        """The answer of a test, also if it is the same in every turn of the loops around it; None if unknown."""
+        names = [name for name in self.ranges if any(isinstance(each, ast.Name) and each.id == name
+                                                     for each in ast.walk(test))]
+        if not names:
+            return self.number(test)
+        answers, before = set(), (self.given, self.kept)
+        for values in itertools.product(*(self.ranges[name] for name in names)):
+            self.given, self.kept = self.given | dict(zip(names, values, strict=True)), {}
+            answers.add(self.number(test))
+        self.given, self.kept = before
+        return answers.pop() if len(answers) == 1 else None
+
+    def turns(self, loop: ast.For) -> int | None:
+        """How often a loop is gone through."""
+        of = self.range_of(loop)
+        return None if of is None else len(of)
+
+    def range_of(self, loop: ast.For) -> range | None:
+        """What a loop goes through."""
+        ends = [self.number(each) for each in loop.iter.args] if isinstance(loop.iter, ast.Call) else [None]
+        return None if None in ends else range(*map(int, ends))  # type: ignore[arg-type]
+
+    def __call__(self, node: ast.expr) -> Fact:
+        """What is known of an expression."""
+        if id(node) in self.kept:
+            return self.kept[id(node)][1]
+        reader: Callable[[Any], Fact] | None = getattr(self, f"_{type(node).__name__.lower()}", None)
+        fact = None if reader is None else reader(node)
+        if self.kinds.settled:
+            self.kept[id(node)] = node, fact
+        return fact
+
+    def _constant(self, node: ast.Constant) -> Fact:
+        return fact_of(node.value)
+
+    def _name(self, node: ast.Name) -> Fact:
+        if node.id not in self.kinds.names:
+            return fact_of(self.kinds.globals[node.id])
+        if node.id in self.given:
+            return self.given[node.id]
+        fact = self(self.once[node.id]) if node.id in self.once else None
+        if isinstance(fact, NUMBERS) and self.kinds.names[node.id] not in (INTEGER, TRUTH):
+            return float(fact)
+        return fact
+
+    def _attribute(self, node: ast.Attribute) -> Fact:
+        if isinstance(node.value, ast.Name) and node.value.id in ("np", "math"):
+            return fact_of(getattr(np, node.attr))
+        if self.kinds.of_neighbour(node):
+            return fact_of(self.kinds.outside(node))
+        kind = self.kinds.of(node.value)
+        if not isinstance(kind, Struct):
+            return None
+        field = kind.field(node.attr)
+        if isinstance(field, Known):
+            return field.value
+        return (field.extents if field.value is None else field.value) if isinstance(field, Array) else None
+
+    def _subscript(self, node: ast.Subscript) -> Fact:
+        at = list(node.slice.elts) if isinstance(node.slice, ast.Tuple) else [node.slice]
+        if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
+            kind = self.kinds.of(node.value.value)
+            assert isinstance(kind, Array)
+            extents = extents_of(self(node.value.value), kind.dimensions)
+            return extents[at[0].value]  # type: ignore[attr-defined]
+        base = self(node.value)
+        places = [self._slice(each) if isinstance(each, ast.Slice) else self.number(each) for each in at]
+        if isinstance(base, np.ndarray) and None not in places:
+            part = base[tuple(places)]
+            return part if isinstance(part, np.ndarray) else part.item()
+        if not isinstance(base, (np.ndarray, tuple)):
+            return None
+        whole = extents_of(base, 0)
+        parts = [self._part(each, n) for each, n in zip(at, whole, strict=False) if isinstance(each, ast.Slice)]
+        return (*parts, *whole[len(at):]) or None
+
+    def _slice(self, node: ast.Slice) -> slice | None:
+        low, high = self.number(node.lower), self.number(node.upper)
+        return None if None in (low, high) and (node.lower, node.upper) != (None, None) else slice(low, high)
+
+    def _part(self, node: ast.Slice, extent: int | None) -> int | None:
+        """Extent of a part."""
+        low = 0 if node.lower is None else self.number(node.lower)
+        high = extent if node.upper is None else self.number(node.upper)
+        return None if low is None or high is None else int(high) - int(low)
+
+    def _binop(self, node: ast.BinOp) -> Fact:
+        left, right = self.number(node.left), self.number(node.right)
+        if isinstance(node.op, ast.Mult) and self.kinds.of(node) == INTEGER and 0 in (left, right):
+            return 0
+        return self._both(node.op, left, right)
+
+    def _both(self, op: ast.operator | ast.cmpop, a: Fact, b: Fact) -> Fact:
+        operation = OPERATIONS.get(type(op))
+        if a is None or b is None or operation is None:
+            return None
+        try:
+            return operation(a, b)
+        except (ZeroDivisionError, OverflowError):
+            return None
+
+    def _unaryop(self, node: ast.UnaryOp) -> Fact:
+        number = self.number(node.operand)
+        return None if number is None else not number if isinstance(node.op, ast.Not) else -number
+
+    def _compare(self, node: ast.Compare) -> Fact:
+        if len(node.ops) > 1:
+            return None
+        right = node.comparators[0]
+        other = [self.number(each) for each in right.elts] if isinstance(right, ast.Tuple) else self.number(right)
+        return self._both(node.ops[0], self.number(node.left), other)
+
+    def _boolop(self, node: ast.BoolOp) -> Fact:
+        left = self.undecided(node)
+        last = self.number(left[-1])
+        return bool(last) if len(left) == 1 and last is not None else None
+
+    def undecided(self, node: ast.BoolOp) -> list[ast.expr]:
+        """The terms of a conjunction or disjunction that its answer hangs on; the last one of them all if none."""
+        decisive = isinstance(node.op, ast.Or)
+        left: list[ast.expr] = []
+        for each in node.values:
+            number = self.number(each)
+            if number is None:
+                left.append(each)
+            elif bool(number) == decisive:
+                is_pure = not any(isinstance(part, ast.Call) for one in left for part in ast.walk(one))
+                return [each] if is_pure else [*left, each]
+        return left or [node.values[-1]]
+
+    def _ifexp(self, node: ast.IfExp) -> Fact:
+        test = self.number(node.test)
+        return None if test is None else self(node.body if test else node.orelse)
+
+    def _call(self, node: ast.Call) -> Fact:
+        name = ast.unparse(node.func)
+        if name in ("U", "np.uint64"):
+            return self(node.args[0])
+        if name == "len":
+            return extents_of(self(node.args[0]), 1)[0]
+        if name in CALLS:
+            numbers = [self.number(each) for each in node.args]
+            return None if None in numbers else fact_of(CALLS[name](*numbers))
+        if isinstance(node.func, ast.Attribute):
+            if node.func.attr == "reshape":
+                shape = node.args[0]
+                assert isinstance(shape, ast.Tuple)
+                return tuple(self.number(each) for each in shape.elts)
+            return None
+        return self.kinds.result_of(node)
+
+
+def _assignments(tree: ast.FunctionDef) -> Iterator[tuple[str, ast.expr]]:
+    """Names and the expressions that they are assigned."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Assign):
+            continue
+        for target in node.targets:
+            if isinstance(target, ast.Name):
+                yield target.id, node.value
+            elif isinstance(target, ast.Tuple) and isinstance(node.value, (ast.Tuple, ast.Attribute)):
+                values = node.value.elts if isinstance(node.value, ast.Tuple) else \
+                    [ast.Subscript(node.value, ast.Constant(k), ast.Load()) for k in range(len(target.elts))]
+                yield from ((each.id, value) for each, value in zip(target.elts, values, strict=True)
+                            if isinstance(each, ast.Name))
