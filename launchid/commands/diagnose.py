@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from sim.nominal import Nominal
     from sim.result import Columns, Figure
 
+    from ..comparison.result import Comparison
     from ..diagnosis.verdict import Result
     from ..sources import LogSource, NominalSource
 
@@ -143,4 +144,18 @@ class Diagnosed(Answer):
     def write_report(self, folder: str | Path) -> None:
         """report.html, verdict.json, extension.toml and the figures."""
         from ..diagnosis.report.page import write_report
-        write_report(self.diagnosis, self.report, folder)
+        write_report(self.diagnosis, self.report, folder, self._beside())
+
+    def _beside(self) -> Comparison | None:
+        """The log beside the nominal and its extension; None where they cannot be compared."""
+        from sim.errors import InputError
+
+        from ..progress import report
+        from .compare import compare
+        extended = self.extension
+        report("comparing the log with the simulation")
+        try:
+            return compare(self.diagnosis.reading.log, self.diagnosis.nominal,
+                           *([] if extended is None else [replace(extended, path="extension.toml")]), flights=0)
+        except InputError:
+            return None

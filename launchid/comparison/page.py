@@ -35,16 +35,20 @@ GLOSSARY = (
                    f"the estimate is of the input itself: {BIASED}"))
 
 
+def pictures_of(made: Comparison) -> dict[str, Picture]:
+    """Return name of the file -> picture."""
+    from .figures import DRAWN
+    return {name: Picture(*CAPTIONS[name], functools.partial(draw, made)) for name, draw in DRAWN.items()}
+
+
 def write_comparison(made: Comparison, folder: str | Path) -> None:
     """Write report.html, compare.json and the figures into a folder that is made if need be."""
-    from .figures import DRAWN
-    pictures = {name: Picture(*CAPTIONS[name], functools.partial(draw, made)) for name, draw in DRAWN.items()}
     names = ", ".join(each.label for each in made.nominals)
-    write_report(folder, f"Measured beside {names}", f"launchid compare: {Path(made.log.path).name}", _figures(made),
-                 pictures, ("compare.json", made.to_json()), GLOSSARY)
+    write_report(folder, f"Measured beside {names}", f"launchid compare: {Path(made.log.path).name}",
+                 summary_table(made), pictures_of(made), ("compare.json", made.to_json()), GLOSSARY)
 
 
-def _figures(made: Comparison) -> str:
+def summary_table(made: Comparison) -> str:
     """The first screen: fit and coefficient of each channel and nominal, and its place in the dispersions."""
     rows = []
     for name in CHANNELS:

@@ -11,6 +11,9 @@ from sim.nominal import rewrite_nominal
 from ...charts.markup import list_of, table, text
 from ...charts.page import page as made_page
 from ...charts.page import picture
+from ...charts.report import drawn as pictures_drawn
+from ...comparison.page import CAPTIONS, pictures_of, summary_table
+from ...comparison.result import Comparison
 from ..answer import extension, headline, sizes, would_decide
 from ..verdict import Result
 
@@ -31,23 +34,25 @@ PICTURES = {
 Drawn = list[tuple[str, bytes, dict[str, Any] | None]]
 
 
-def write_report(result: Result, answer: dict[str, Any], folder: str | Path) -> None:
+def write_report(result: Result, answer: dict[str, Any], folder: str | Path, beside: Comparison | None = None) -> None:
     """Write report.html, verdict.json, extension.toml (if the model was extended) and the figures into a folder.
 
-    Files of an earlier report that this one lacks are removed.  InputError in one line if it cannot be written.
+    `beside`: the log beside the nominal and its extension; None: they cannot be compared.  Files of an earlier report
+    that this one lacks are removed.  InputError in one line if it cannot be written.
     """
     path = make_folder(folder)
     try:
-        for name in (*EXTENSION, *PICTURES):
+        for name in (*EXTENSION, *PICTURES, *CAPTIONS):
             remove(path / name)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}); expected a folder to write into") from None
     drawn = _draw(result, path)
+    compared = "" if beside is None else summary_table(beside) + pictures_drawn(pictures_of(beside), path)
     extended = extension(result)
     if extended is not None:
         rewrite_nominal(extended, path / "extension.toml")
     write_text(path / "verdict.json", [json.dumps(answer, indent=1), "\n"])
-    write_text(path / "report.html", [page(result, answer, drawn)])
+    write_text(path / "report.html", [page(result, answer, drawn, compared)])
 
 
 def _draw(result: Result, folder: Path) -> Drawn | None:
@@ -67,7 +72,7 @@ def _draw(result: Result, folder: Path) -> Drawn | None:
     return drawn
 
 
-def page(result: Result, answer: dict[str, Any], drawn: Drawn | None) -> str:
+def page(result: Result, answer: dict[str, Any], drawn: Drawn | None, compared: str = "") -> str:
     """The whole page."""
     pictures = f"<p>{text(NO_FIGURES)}</p>" if drawn is None else "".join(
         picture(name.partition(".")[0], *PICTURES[name], png, live) for name, png, live in drawn)
@@ -75,6 +80,7 @@ def page(result: Result, answer: dict[str, Any], drawn: Drawn | None) -> str:
         headline(result), f"launchid diagnose: measured {Path(result.reading.log.path).name} against the simulation of "
         f"{result.nominal.name}", COLOURS[result.verdict], _first(result, answer), (
             ("Causes", _causes(result)), ("Held-out gain", _gain(answer["gain"])), ("Figures", pictures),
+            ("Measured beside simulated", compared),
             ("Against the model", _words((*result.doubts, *result.remaining, *result.notes))),
             ("What could have been seen", _limits(answer["limits"])),
             ("Noise", table(("noise of", "measured over declared"), [

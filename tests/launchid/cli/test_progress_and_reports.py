@@ -161,3 +161,12 @@ def test_a_report_cannot_be_written_into_a_file(log, tmp_path, capsys):
     (tmp_path / "file").write_text("")
     assert main(["identify", str(log), "constant", "--window", "5", "--report", str(tmp_path / "file")]) == 3
     assert "file" in capsys.readouterr().err
+
+
+def test_a_diagnosis_holds_the_log_beside_the_nominal_and_its_extension(tmp_path):
+    pytest.importorskip("matplotlib")
+    flight = launchid.simulate("constant", seed=4, effects="control_loss:fraction=0.3,time=30")
+    launchid.diagnose(flight, "constant").write_report(tmp_path)
+    words = page_of(tmp_path / "report.html").words
+    assert "Measured beside simulated" in words and {"constant", "extension"} <= set(words)
+    assert (tmp_path / "comparison.png").exists() and (tmp_path / "responses.png").exists()
