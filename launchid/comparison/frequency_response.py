@@ -32,6 +32,7 @@ P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70: overlapped segments.
 
 import itertools
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +46,7 @@ from ..log.log import Log
 SEGMENTS = 8            # lengths of a segment that a log holds, at least
 LONGEST, SHORTEST = 10.0, 2.0   # s, of a segment: frequencies from 1/5 Hz on, and windows in which a6 and k1 are frozen
 FEWEST = 4              # segments that have a spread
+LOBE = 2.0              # bins, of the Hann window's main lobe to each side
 FIRST_BIN = 2           # below, the window does not tell a frequency from a mean
 SHARE = 0.8             # of half the sampling rate that is shown
 SERVO_TIMES = 3.0       # of the servo's frequency: beyond it nothing answers
@@ -58,13 +60,14 @@ PAIRS = (("beta", "theta_ddot"), ("beta_cmd", "beta"))
 
 class Spectra(NamedTuple):
     """Windowed transforms of input, output and instrument, (segments, bins) each, at frequency (bins,) [Hz]; middles
-    (segments,) [s] of the segments."""
+    (segments,) [s] of the segments; resolution [Hz]: one over their length."""
 
     frequency: np.ndarray
     u: np.ndarray
     y: np.ndarray
     r: np.ndarray
     middles: np.ndarray
+    resolution: float
 
 
 class Response(NamedTuple):
@@ -91,9 +94,10 @@ def frequency_responses(log: Log, nominal: Nominal) -> list[Response]:
     made = []
     name, series = instrument(log, nominal)
     order = PREWHITENED if name == "theta_ref" else 0
+    lines = () if nominal.test_input is None else tuple(np.asarray(nominal.test_input.frequency) / (2.0 * np.pi))
     ways = ((name, series), (None, None)) if name is not None else ((None, None),)
     for (source, to), (name, series) in itertools.product(PAIRS, ways):
-        spectra = transforms(log, source, to, series, order)
+        spectra = transforms(log, source, to, series, order, lines)
         if spectra is None:
             continue
         gain, std, coherence = estimated(spectra)
@@ -101,7 +105,7 @@ def frequency_responses(log: Log, nominal: Nominal) -> list[Response]:
         if nominal.actuator is not None:
             top = min(top, SERVO_TIMES * nominal.actuator.frequency / (2.0 * np.pi))
         kept = np.flatnonzero((spectra.frequency <= top) & np.isfinite(gain))
-        kept = kept[kept >= FIRST_BIN]
+        kept = kept[spectra.frequency[kept] >= FIRST_BIN * spectra.resolution]
         if len(kept):
             believed = of_nominal(spectra, nominal, (source, to), min(
                 [log.period, *([nominal.controller.period] if nominal.controller is not None else [])]))
@@ -121,12 +125,14 @@ def instrument(log: Log, nominal: Nominal) -> tuple[str | None, np.ndarray | Non
     return None, None
 
 
-def transforms(log: Log, source: str, to: str, series: np.ndarray | None, order: int = 0) -> Spectra | None:
+def transforms(log: Log, source: str, to: str, series: np.ndarray | None, order: int = 0,
+               lines: Sequence[float] = ()) -> Spectra | None:
     """Return the windowed transforms of a log's segments, of those that are measured nearly everywhere; None without
     FEWEST of them.
 
     source, to   columns;  theta_ddot is made of theta_dot where it is not measured
     series       (n,) the instrument; None: the input;  order  how often all are differenced before
+    lines        [Hz] of sines that move the loop
     """
     if to == "theta_ddot" and not np.isfinite(log.theta_ddot).any():
         to = "theta_dot"
@@ -151,11 +157,23 @@ def transforms(log: Log, source: str, to: str, series: np.ndarray | None, order:
     window, slope = 0.5 - 0.5 * np.cos(angle), np.pi / (rows * period) * np.sin(angle)
     cut = np.stack([on_grid[:, k:k + rows] for k in starts], axis=1)
     cut = cut - cut.mean(axis=2, keepdims=True)
-    u, y, r = np.fft.rfft(cut * window, axis=2)
-    frequency = np.fft.rfftfreq(rows, period)
+    frequency = frequencies(np.asarray(lines, dtype=float), rows, period)
+    basis = np.exp(-2j * np.pi * np.outer(period * np.arange(rows), frequency))
+    u, y, r = (cut * window) @ basis
     if to == "theta_dot":
-        y = 2j * np.pi * frequency * y - np.fft.rfft(cut[1] * slope, axis=1)
-    return Spectra(frequency, u, y, r, grid[starts] + 0.5 * (rows + order) * period)
+        y = 2j * np.pi * frequency * y - (cut[1] * slope) @ basis
+    return Spectra(frequency, u, y, r, grid[starts] + 0.5 * (rows + order) * period, 1.0 / (rows * period))
+
+
+def frequencies(lines: np.ndarray, rows: int, period: float) -> np.ndarray:
+    """Return the frequencies (bins,) [Hz] of a segment at which a response is estimated, ascending.
+
+    Those of its whole periods; beside a line of the input the window shows the line, with its response and not that of
+    the frequency, so the frequency of a line that no other is near stands instead of those in its main lobe.
+    """
+    bins, lobe = np.fft.rfftfreq(rows, period), LOBE / (rows * period)
+    apart = np.array([line for k, line in enumerate(lines) if np.all(np.abs(np.delete(lines, k) - line) >= lobe)])
+    return np.sort(np.concatenate([bins[np.all(np.abs(bins[:, None] - apart) >= lobe, axis=1)], apart]))
 
 
 def estimated(of: Spectra) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

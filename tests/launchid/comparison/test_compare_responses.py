@@ -100,11 +100,11 @@ def test_a_part_of_a_period_is_a_delay_of_it():
     assert ratio == pytest.approx(np.exp(-2j * math.pi * BODE[:3] * 0.004), abs=2e-4)
 
 
-def inside(flights: int) -> dict[str, tuple[float, float]]:
+def inside(flights: int, excited=EXCITED) -> dict[str, tuple[float, float]]:
     """The share of frequencies at which the truth is inside the 95 % intervals of gain and of phase, by input."""
     found: dict[str, list[tuple[float, float]]] = {}
     for seed in range(flights):
-        for each in frequency_responses(flown_log(fly_whole(EXCITED, seed)), EXCITED):
+        for each in frequency_responses(flown_log(fly_whole(excited, seed)), excited):
             usable = (each.coherence > COHERENT) & (each.instrument == "test_input")
             off = np.log(each.gain / each.nominal)[usable]
             found.setdefault(each.source, []).extend(zip(np.abs(off.real) < 1.96 * each.std[usable],
@@ -116,6 +116,15 @@ def test_a_true_response_is_inside_its_interval():
     shares = inside(6)
     assert set(shares) == {"beta", "beta_cmd"}
     assert all(0.90 <= share <= 0.98 for both in shares.values() for share in both), shares
+
+
+def test_a_line_between_two_bins_is_estimated_at_its_own_frequency():
+    """Beside a line the window shows the line: at the bins' frequencies a servo's phase is inside in 31 % of cases."""
+    hertz = np.array([0.4, 0.71, 1.27, 2.03, 3.11, 4.57])
+    apart = dataclasses.replace(EXCITED, test_input=dataclasses.replace(
+        TEST_INPUT, frequency=tuple(2.0 * np.pi * hertz), amplitude=(3e-3,) * len(hertz), phase=tuple(hertz)))
+    shares = inside(8, apart)
+    assert all(share >= 0.82 for both in shares.values() for share in both), shares
 
 
 def test_an_instrument_is_not_drawn_to_the_controller():
