@@ -146,15 +146,25 @@ def test_no_servo_is_too_fast_to_fly(servo, text):
     assert np.std(fast.theta - plain.theta) < 0.02 * np.std(plain.theta)
 
 
+FOLLOWED = st.floats(20.0, 250.0)  # rad/s: at 100 Hz a faster one ends within a row (docs/limits.md)
+
+
 @pytest.mark.filterwarnings("error")
-@given(servo=SERVOS, seed=st.integers(0, 1000))
+@given(servo=st.one_of(FOLLOWED.map(first_order), st.builds(
+    lambda w, zeta: {"natural_frequency": w, "damping_ratio": zeta}, FOLLOWED, st.floats(0.5, 0.99))),
+    seed=st.integers(0, 1000))
 @settings(max_examples=EXAMPLES)
-@example(servo=STIFF, seed=1)
 @example(servo=first_order(60.0), seed=1)
 def test_a_clean_flight_is_consistent_whatever_its_servo(servo, seed):
     nominal = short(15.0, actuator=servo)
     made = diagnose(log_of(fly_whole(nominal, seed)), nominal)
-    assert made.verdict == "consistent" and made.record.period / made.record.step < 5.0
+    assert made.verdict == "consistent", made.named
+
+
+@pytest.mark.xfail(strict=True, reason="the held command noise of a row is taken for white: the acceleration's grows")
+def test_a_clean_flight_is_consistent_with_a_servo_that_ends_within_a_row():
+    nominal = short(15.0, actuator=first_order(1000.0))
+    assert diagnose(log_of(fly_whole(nominal, 1)), nominal).verdict == "consistent"
 
 
 def test_a_servo_in_two_forms_is_one_servo_to_the_bound():
@@ -172,6 +182,6 @@ def test_a_diagnosis_is_the_same_in_both_forms():
             nominal = short(15.0, actuator=servo)
             flown = fly_whole(short(15.0, actuator=first_order(60.0)), 2, effects=[from_text(text)])
             found.append(diagnose(log_of(flown), nominal))
-        assert [made.causes[0].cause for made in found] == [cause] * 2
-        sizes = [next(iter(made.causes[0].values.values())) for made in found]
+        assert [made.named[0].cause for made in found] == [cause] * 2
+        sizes = [next(iter(made.named[0].parameters.values()))[0] for made in found]
         assert sizes[0] == pytest.approx(sizes[1], rel=0.02)

@@ -200,7 +200,7 @@ def test_a_log_that_begins_in_flight_is_not_flown_and_that_is_said():
     log = log_of_seed(1)
     late = dataclasses.replace(log, t=log.t + 30.0)
     assert along(late, CONSTANT) is None and dispersed(late, CONSTANT, 2) is None
-    assert "begins at 30 s" in compare(late, [CONSTANT], flights=2).warnings[-1]
+    assert "begins at 30 s" in compare(late, CONSTANT, flights=2).warnings[-1]
 
 
 # ---- the answer
@@ -209,7 +209,7 @@ def test_a_log_that_begins_in_flight_is_not_flown_and_that_is_said():
 @pytest.fixture(scope="module")
 def made() -> Comparison:
     extension = dataclasses.replace(CONSTANT, effects=(DELAY,), path="x/ext.toml")
-    return compare(log_of_seed(3, DELAY), [CONSTANT, extension], flights=20)
+    return compare(log_of_seed(3, DELAY), CONSTANT, extension, flights=20)
 
 
 def test_its_json_is_the_contracts(made):
@@ -237,7 +237,7 @@ def test_a_nominal_that_answers_too_early_is_outside_the_measured_region(made):
 
 
 def test_nominals_of_one_name_are_told_apart():
-    made = compare(log_of_seed(3, DELAY), [CONSTANT, CONSTANT], flights=0)
+    made = compare(log_of_seed(3, DELAY), CONSTANT, CONSTANT, flights=0)
     assert len({each.label for each in made.nominals}) == 2
     for each in made.report["nominals"]:
         assert all(channel["percentile"] is None for channel in each["channels"].values())

@@ -14,10 +14,10 @@ EVERYTHING = """
 import sys
 from launchid.__main__ import command
 folder = sys.argv[1] + "/"
-for words in (["simulate", folder + "short.toml", "--out", folder + "log.csv", "--seed", "3"],
-              ["identify", folder + "log.csv", "--json", folder + "identify.json"],
-              ["identify", folder + "log.csv", "--nominal", folder + "short.toml", "--tracked"],
-              ["diagnose", folder + "log.csv", folder + "short.toml", "--json", "-"]):
+for words in (["simulate", folder + "short.toml", "--out", folder + "log.csv", "--seed", "3", "--quiet"],
+              ["identify", folder + "log.csv", "--json", folder + "identify.json", "--quiet"],
+              ["identify", folder + "log.csv", "--nominal", folder + "short.toml", "--tracked", "--quiet"],
+              ["diagnose", folder + "log.csv", folder + "short.toml", "--json", "-", "--quiet"]):
     sys.argv[1:] = words
     assert command() == 0
 """
@@ -87,7 +87,7 @@ def test_the_bytes_are_the_same(tmp_path, request, here, place):
 def test_any_name_of_a_file_can_be_said(tmp_path, encoding):
     """The name is printed on a terminal that knows ASCII alone, and if its bytes are no text."""
     logs = [os.path.join(os.fsencode(tmp_path), name) for name in ("\u00e9t\u00e9.csv".encode(), b"\xff\xfe.csv")]
-    rows = "".join(f"{k / 100},{k % 7 / 100},{k % 5 / 100}\n" for k in range(300))
+    rows = "".join(f"{k / 100},{k % 7 / 100},{k % 5 / 100}\n" for k in range(600))
     for log in logs:
         Path(os.fsdecode(log)).write_text("t,theta,beta\n" + rows)
     done = subprocess.run([sys.executable, "-c", EACH, *logs], cwd=ROOT, capture_output=True, timeout=300, check=False,
