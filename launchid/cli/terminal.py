@@ -61,7 +61,7 @@ class Progress:
         if is_new:
             self._work, self._found, self._begun = what, done, now
         if not sys.stderr.isatty():
-            if now - self._lined >= self.LINE:
+            if now - self._lined >= self.LINE and (done or not total):  # that nothing is done says nothing
                 self._lined = now
                 say(f"launchid: {what}" + (f": {done} of {total}" if total else " ..."))
         elif is_new or now - self._shown >= self.OFTEN:
