@@ -80,7 +80,7 @@ def launchid(*words: object, **options: object) -> subprocess.Popen:
                             **options)  # type: ignore[call-overload]
 
 
-@pytest.mark.parametrize("words", [["identify", "LOG", "--json", "-"], ["effects"], ["--help"]], ids=" ".join)
+@pytest.mark.parametrize("words", [["identify", "LOG", "--json", "-", "--quiet"], ["effects"], ["--help"]], ids=" ".join)
 def test_a_reader_that_leaves_is_no_error(folder, words):
     """A reader such as `| head -1` reads a line and goes; here before the first byte."""
     read, write = os.pipe()
