@@ -5,7 +5,7 @@ Not part of what flies: it is used while modules are imported, and when an `Esti
 numba writes a file under another name and renames it, so there are no unfinished ones, and what is compiled is kept at
 once.  It compiles anew after an edit of a function's own file, but does not see edits in files that this one imports.
 So a folder is named after a digest of the module's source and of all that it imports, of the versions and of numba's
-settings.  An edit compiles anew what may depend on it, and two checkouts share one place without harm.
+settings (but of threads).  An edit compiles anew what may depend on it, and two checkouts share one place without harm.
 
 The folder is set as numba's only while our functions are decorated: a host's own code keeps its place.  The place is
 LAUNCHID_CACHE, or NUMBA_CACHE_DIR, or the user's cache folder.  If it cannot be written or has no room, kernels are
@@ -73,7 +73,8 @@ def looked_through(path: Path) -> tuple[bytes, list[Path]]:
 
 def digest_of(module: str) -> str:
     """Return the digest of a module's source and of all that it imports, of the versions and of numba's settings."""
-    settings = sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_") and "CACHE" not in item[0])
+    settings = sorted(item for item in os.environ.items()
+                      if item[0].startswith("NUMBA_") and "CACHE" not in item[0] and "THREAD" not in item[0])
     digest = repr((numba.__version__, sys.version, platform.machine(), settings)).encode()
     digests: dict[Path, bytes] = {}
     waiting = [Path(str(sys.modules[module].__file__))]

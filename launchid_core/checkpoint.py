@@ -89,7 +89,7 @@ def _unsealed(memory: Memory) -> Iterator[np.ndarray]:
 
 
 def seal_of(memory: Memory) -> np.int64:
-    """The seal of what is carried on, as kernels compute it (`order.block.seal_carried`, `regression`), by numpy."""
+    """Compute the seal of the persistent arrays by numpy, equal to the kernels' (`block.seal_carried`)."""
     seal = _folded(memory.words)
     if memory.struct is FILTERED:
         inner = np.uint64(0)

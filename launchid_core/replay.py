@@ -38,13 +38,13 @@ def loop_of(memory: Memory) -> Callable[[np.ndarray, int], tuple[int, int]]:
     if memory.struct is not FILTERED:
         return partial(regression.push_within, seen, apart["ring"], apart["seals"])
     waits = partial(onboard.push_until_due, seen, apart["ring"], apart["seals"], apart["rows"])
-    follow: Callable[[int], int] = partial(onboard.follow, memory.size, seen, memory.words, *apart.values())
+    process: Callable[[int], int] = partial(onboard.process_samples, memory.size, seen, memory.words, *apart.values())
 
     def take(table: np.ndarray, at: int) -> tuple[int, int]:
         while at < len(table):
             at, code = waits(table, at)
             if code >= onboard.DUE:
-                code = follow(code - onboard.DUE)
+                code = process(code - onboard.DUE)
             if code in (rb.WINDOW_COMPLETE, rb.RECOVERED):
                 return at, code
         return at, rb.ACCEPTED

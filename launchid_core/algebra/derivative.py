@@ -6,8 +6,8 @@ Source: Fornberg, Math. Comp. 51, 1988 (the weights of arbitrarily spaced points
 
 Limitation: a held command makes the nozzle's acceleration jump once per
 controller period, and the rows beside a jump are only second-order accurate.
-Stencils chosen to avoid the jumps (essentially non-oscillatory) were tried: no
-more supports found on clean data, and up to twice the error under noise.
+Stencils that avoid the jumps (essentially non-oscillatory) find no more supports
+on clean data and have up to twice the error under noise.
 """
 
 from ..kernels import inner

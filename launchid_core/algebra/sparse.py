@@ -16,15 +16,13 @@ All four turn with the rows.  Row k's diagonal element is of the term order[k].
 
 A term stays by one of two measures.  A threshold is in raw units of each coefficient, as in pysindy's STLSQ.  `needed`
 has no unit but that of y'y: what a term must explain by itself, in squares, so that it does not depend on the units of
-the variables.  `stls` and `ssr` then leave out the weakest term while leaving it out loses less than `needed` (backward
+the variables.  The elimination then leaves out the weakest term while leaving it out loses less than `needed` (backward
 elimination; of nearly dependent terms, which explain much in common and little by themselves, one stays); `sr3` and
 `lasso` compare |coefficient| times |column| with its root.
 
-Each solver: (q, whole, y, threshold, needed, xi, active, work) -> number of passes, where
-whole is the factor of all columns, y (q,) is Q'y, xi (q,) and active (q,) are results, `work`
-a SparseWork; one of threshold and needed is 0, `sr3` and `lasso` need mt (>=q, >=q), the columns of M as rows, too.
-After it xi solves least squares on the active columns and is 0 elsewhere; work holds their factor.
-Returns -1 if columns it took are dependent.
+Each solver returns the number of passes (sr3: its most), or -1 if columns it took are dependent.  whole: the factor of
+all columns;  y (q,): Q'y;  mt (>=q, >=q): M', of sr3 and lasso;  xi (q,), active (q,): out.  xi then solves least
+squares on the active columns and is 0 elsewhere, and `work` holds their factor.
 """
 
 import numpy as np

@@ -5,8 +5,8 @@ of its nominal: whitening that moves with a6 would want the log-determinant in t
 
 An attitude bias b is an acceleration -a6_nominal b', b' = (1 + p) b, and the filter's theta is the attitude as
 measured: the same flight, in which no product of a deviation p and a bias is left to linearise.  With b beside the true
-theta the sensitivity to p moved with each guess of b, and a quiet first window took that for information: a6 was 2.4 of
-its standard deviations off, 12 at most, where the misalignment's transient tells of it.
+theta the sensitivity to p would move with each guess of b, and a quiet first window would take that for information: a6
+off by 2.4 of its standard deviations where the misalignment's transient tells of it.
 """
 
 import numpy as np

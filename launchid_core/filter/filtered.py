@@ -18,7 +18,7 @@ from ..kernels import inner
 from ..model import N_NOISES
 from .belief import A6, AT_BETA, AT_THETA, BLOCK_SHARE, GYRO_SCALE, K1, OFFSET, SATURATION
 from .disturbances import spread_at
-from .predictor import begins_anew, correct, is_lost, is_outlier, predict, see, start_segment, take_command
+from .predictor import apply_h, begins_anew, correct, is_lost, is_outlier, predict, start_segment, take_command
 from .states import LEVEL_CLAMPS, N_CHANNELS, N_STATES, RESTARTS, RUNNING
 from .unknown_servo import doubt_of, first_column, note_servo
 from .whiteness import forget_blocks, note_innovation, note_loss
@@ -39,7 +39,7 @@ ROWS, SAMPLES, GAPS = range(3)
 
 
 @inner
-def start_window(size, acc):
+def clear_window(size, acc):
     """Forget the window's information but for the weak prior on the terms, and what was declared of the servo."""
     acc.window[:, :] = 0.0
     for j in range(size.states, size.states + size.terms):
@@ -117,7 +117,7 @@ def reduce_block(size, acc, rows, work, theta, beta):
 
 @inner
 def reduce_pair(size, work):
-    """The triangle of (theta, beta), state known, out of that of (offset, theta, beta)."""
+    """Reduce work.pair (offset, theta, beta) to work.block (theta, beta), the offset being 0."""
     width, n = size.pair, size.states
     for j in range(3):
         work.columns[j] = n + j
@@ -154,7 +154,7 @@ def measured(belief, row, channel):
 
 
 @inner
-def take_sample(belief, profile, air, fil, work, acc, rows, check, row, max_gap):
+def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_gap):
     """One sample of the ring into the predictor; its innovations become rows of the block.
 
     rows (c, 3 b)  inout  of the block
@@ -183,7 +183,7 @@ def take_sample(belief, profile, air, fil, work, acc, rows, check, row, max_gap)
         partner = belief.partner[channel]
         doubt, out = 0.0, work.out[:]
         if belief.size.servo > 0:
-            see(fil.s[:], channel, partner, out, last)
+            apply_h(fil.s[:], channel, partner, out, last)
             doubt = doubt_of(belief.size, fil.servo, out[first_column(belief.size):])
         if is_outlier(fil, channel, partner, z, r + doubt):
             continue

@@ -35,11 +35,11 @@ from .transition import (
     add_held_noise,
     add_process_noise,
     advance_state,
-    carry,
-    congruence,
     drive_terms,
     drive_tests,
     fill_transition,
+    propagate_covariance,
+    propagate_sensitivities,
 )
 from .unknown_servo import acting_commands, add_change, drive_servo
 
@@ -51,14 +51,6 @@ OUTLIER = 8.0                   # standard deviations of an innovation: beyond i
 MAX_OUTLIERS = 5                # in a row of one channel, for LOST: then the filter is wrong, and starts afresh
 LOST = 0.05                     # s: so long may a sensor's spike last at any rate
 SMALL_ANGLE = 0.5               # rad: a flight-path angle beyond it is none of this model's
-
-
-@inner
-def is_lost(belief, fil):
-    """Whether so many measurements in a row, over so long a time, were left out that the filter is wrong, not the
-    sensor."""
-    row = max(fil.outliers[0], fil.outliers[1], fil.outliers[2])
-    return row >= MAX_OUTLIERS and (row + 0.5) * belief.constant[bl.PERIOD] >= LOST
 
 
 @inner
@@ -158,8 +150,10 @@ def add_missed(belief, fil, k1, command):
 
 @inner
 def predict(belief, profile, air, fil, work, t, command, gamma):
-    """Time update from the last stamp to t [s], whose sample has `command` [rad] and `gamma` [rad]; of a servo that is
-    not known the step's constants were set before (`unknown_servo.set_unknown_step`)."""
+    """Propagate to t [s]: x = F x + B u, s = F s + drive, P = F P F' + Q.
+
+    command, gamma [rad]  of the sample at t;  of an estimated servo `set_unknown_step` has set the step
+    """
     n, h = belief.size.states, t - fil.time[sx.LAST]
     if belief.size.servo == 0 and abs(h - fil.step[STEP]) > SAME_STEP * h:
         set_steps(belief, fil, work, belief.constant[bl.FREQUENCY], belief.constant[bl.DAMPING], h)
@@ -176,27 +170,27 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     f, g = work.transition[:], work.transition[:]
     fill_transition(belief, fil, f, believed_a6, believed_k1, work.push)
     gain_k1 = believed_k1
-    if belief.constant[bl.HELD] == 1.0:
+    if belief.constant[bl.HELD] == 1.0:  # P moves with the nominal's F
         g, gain_k1 = work.steady[:], k1
         fill_transition(belief, fil, g, a6, k1, work.push)
     drive_servo(belief, fil, work, believed_k1, u, change)
     known = believed_a6 * known_air + believed_k1 * belief.constant[bl.LEAN]
-    advance_state(belief, fil, f, believed_k1, u, known)
-    carry(f, n, fil.s[:], belief.size.sensitivities)
+    advance_state(belief, fil, f, believed_k1, u, known)             # x = F x + B u
+    propagate_sensitivities(f, n, fil.s[:], belief.size.sensitivities)   # s = F s + drive
     if belief.size.servo > 0:
         add_change(belief, fil, work, k1, believed_k1, change)
     for j in range(belief.size.terms):
         fil.s[0, n + j] += work.drive[0, j]
         fil.s[1, n + j] += work.drive[1, j]
     drive_tests(belief, fil, work, t - 0.5 * h - fil.time[sx.FIRST])
-    carry(f, n, fil.sx[:], belief.size.levels)
-    congruence(g, n, fil.p[:], work.matrix)
+    propagate_sensitivities(f, n, fil.sx[:], belief.size.levels)
+    propagate_covariance(g, n, fil.p[:], work.matrix)   # P = F P F' + Q, and its derivatives for the noise levels
     for k in range(belief.size.levels):
-        congruence(g, n, fil.sp[k], work.matrix)
+        propagate_covariance(g, n, fil.sp[k], work.matrix)
     add_process_noise(fil, gain_k1, command_variance, acceleration_variance)
     add_missed(belief, fil, gain_k1, command)
-    seen = a6 * belief.constant[bl.GAMMA_STD]
-    add_wind(belief, fil, seen * seen)
+    gamma_noise = a6 * belief.constant[bl.GAMMA_STD]
+    add_wind(belief, fil, gamma_noise * gamma_noise)
     fil.time[sx.LAST] = t
 
 
@@ -219,6 +213,14 @@ def innovation(fil, channel, partner, z):
 
 
 @inner
+def is_lost(belief, fil):
+    """Whether so many measurements in a row, over so long a time, were left out that the filter is wrong, not the
+    sensor."""
+    row = max(fil.outliers[0], fil.outliers[1], fil.outliers[2])
+    return row >= MAX_OUTLIERS and (row + 0.5) * belief.constant[bl.PERIOD] >= LOST
+
+
+@inner
 def is_outlier(fil, channel, partner, z, r):
     """Whether a measurement lies so far off that it is left out (the channel's count follows)."""
     e = innovation(fil, channel, partner, z)
@@ -235,8 +237,8 @@ def begins_anew(belief, fil, t, max_gap):
 
 
 @inner
-def see(matrix, channel, partner, shown, m):
-    """Row of a matrix (n, m) that a channel shows, its own and its offset's.  shown (m,) out"""
+def apply_h(matrix, channel, partner, shown, m):
+    """Compute H M, H being 1 at the channel and at its offset.  shown (m,) out"""
     for j in range(m):
         shown[j] = matrix[channel, j]
     if partner >= 0:
@@ -252,7 +254,7 @@ def correct_level(size, fil, work, k, channel, partner, r, e, variance):
     """
     sp, n = fil.sp[k], size.states
     y = work.shown[:]
-    see(sp, channel, partner, y, n)
+    apply_h(sp, channel, partner, y, n)
     ds = y[channel] + (y[partner] if partner >= 0 else 0.0) + (2.0 * r if k == channel else 0.0)
     work.dv[k] = ds / variance
     for i in range(n):
@@ -266,22 +268,22 @@ def correct_level(size, fil, work, k, channel, partner, r, e, variance):
 
 @inner
 def correct(size, fil, work, channel, partner, z, r, score, information):
-    """Scalar measurement update of one channel; returns (innovation, its variance), sensitivities in work.out.
+    """Update with one scalar measurement z of noise variance r: e = z - H x, S = H P H' + r, K = P H'/S.
 
-    partner  the state that the channel shows beside its own, or NONE
+    H is 1 at `channel` and, unless NONE, at `partner`, its sensor's offset.  Returns (e, S); work.out: H s.
     score (L,), information (L, L) inout: Fisher scoring of the log noise levels,
-    d ln L = sum (e de/S - (1 - e^2/S) dS/(2 S)), expected information de de'/S + dS dS'/(2 S^2).
+    d ln L = - sum (e de/S + (1 - e^2/S) dS/(2 S)), expected information de de'/S + dS dS'/(2 S^2).
     """
     x, p, s = fil.x, fil.p, fil.s
     n, levels = size.states, size.levels
-    variance = seen_variance(fil, channel, partner) + r
-    e = innovation(fil, channel, partner, z)
-    see(p[:], channel, partner, work.column[:], n)
-    see(s[:], channel, partner, work.out[:], size.sensitivities)
+    variance = seen_variance(fil, channel, partner) + r        # S = H P H' + r
+    e = innovation(fil, channel, partner, z)                   # z - H x
+    apply_h(p[:], channel, partner, work.column[:], n)         # P H'
+    apply_h(s[:], channel, partner, work.out[:], size.sensitivities)   # H s
     if channel == 1:
         work.out[size.sensitivities - sx.N_TESTS + sx.GYRO_TEST] += 1.0
     for i in range(n):
-        work.gain[i] = work.column[i] / variance
+        work.gain[i] = work.column[i] / variance               # K
     surplus = 1.0 - e * e / variance
     for k in range(levels):
         work.de[k] = -fil.sx[channel, k]
@@ -292,7 +294,7 @@ def correct(size, fil, work, channel, partner, z, r, score, information):
     for k in range(levels):
         for m in range(levels):
             information[k, m] += work.de[k] * work.de[m] / variance + 0.5 * work.dv[k] * work.dv[m]
-    for i in range(n):
+    for i in range(n):  # x <- x + K e,  s <- s - K H s,  P <- P - K (P H')'
         g = work.gain[i]
         x[i] += g * e
         for j in range(size.sensitivities):

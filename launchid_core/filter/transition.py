@@ -52,7 +52,7 @@ def fill_transition(belief, fil, f, a6, k1, push):
 
 
 @inner
-def congruence(f, n, p, work):
+def propagate_covariance(f, n, p, work):
     """p <- F p F' for the first n rows and columns of a symmetric p; F is block upper
     triangular, diagonal in the nuisances."""
     m = work
@@ -82,7 +82,7 @@ def congruence(f, n, p, work):
 
 
 @inner
-def carry(f, n, s, columns):
+def propagate_sensitivities(f, n, s, columns):
     """s <- F s for the first n rows and so many columns of s inout."""
     for j in range(columns):
         y0, y1, y2, y3 = s[0, j], s[1, j], s[2, j], s[3, j]

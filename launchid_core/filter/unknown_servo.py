@@ -41,9 +41,8 @@ BETA, BETA_DOT, COMMAND, CHANGE = range(4)
 DIFFERENCE = 1.0e-3     # of a central difference: relative frequency, damping ratio, delay over the sample period
 LEAST, MOST = 0.1, 10.0  # of the nominal's frequency and damping: no filter is linearised about others
 SETTLED = 0.2           # standard deviations: from an estimate so near the filter need not move
-CURVED = 2.0            # of a move's square: by so much what was learned before counts as wrong.  The half of it that
-# is not linear is too little: with 0.5 frequency, damping and delay were 2.0, 1.2 and 1.5 standard deviations off (rms,
-# 5 s into 16 flights of `constant`, on which 2.0 was chosen)
+CURVED = 2.0            # of a move's square: by so much what was learned before counts as wrong; 0.5, the part that is
+# not linear, is too little
 UNSETTLED = 0.2         # share of a block's squares by what is unknown of the servo, beyond which it tells of no noise
 
 
@@ -128,8 +127,7 @@ def set_slopes(belief, fil, work):
 
 @inner
 def set_unknown_step(belief, fil, work):
-    """Constants of the time step that comes next with the servo believed, and its response; of another servo than
-    before their slopes too."""
+    """Set the constants of the next time step for the servo as estimated, and its slopes if that moved."""
     number = fil.servo.number
     if fil.step[STEP] == 0.0:
         set_slopes(belief, fil, work)
@@ -142,8 +140,8 @@ def set_unknown_step(belief, fil, work):
 
 
 @inner
-def wants_step(fil, h):
-    """Whether the constants of a time step h [s] are to be set before it, with `set_unknown_step`; it is noted then."""
+def note_step(fil, h):
+    """Note the next time step h [s]; return whether `set_unknown_step` has to set its constants."""
     fil.servo.number[NEXT_STEP] = h
     return abs(h - fil.step[STEP]) > SAME_STEP * h
 
@@ -220,7 +218,7 @@ def note_servo(belief, check, channel, out, scale):
 
 @inner
 def widen_check(belief, fil, check):
-    """Take what is unknown of the servo out of the block's mean innovations: it is no contradiction of the model."""
+    """Shrink the block's mean innovations by the std that the uncertain servo adds."""
     for c in range(N_CHANNELS):
         if check.seen[c] > 0:
             narrower = 1.0 / math.sqrt(1.0 + doubt_of(belief.size, fil.servo, check.servo[c]) / check.seen[c])

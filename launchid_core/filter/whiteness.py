@@ -23,7 +23,7 @@ the onset of a change are dropped.  Changes that follow one another within CHECK
 level that had to be raised beyond HIGHEST_LEVEL of the declared.
 
 False alarms: white innovations did not exceed CONTRADICTED in 6 h; by how their extremes grow they would about once in
-40 h.  tests/test_onboard_wind.py holds 2 h.
+40 h.  tests/core/test_onboard_wind.py holds 2 h.
 """
 
 import math

@@ -1,9 +1,9 @@
 """The entries of a block: its samples go through the filter, and what they say is used.
 
-Gathered (`gather`), reduced to triangles (`reduce_rows`), asked for wind that nobody declared (`follow_wind`), tracked
-(`track_block`), asked for a sudden change (`detect_change`), then added to the structure, to the window's information
-and to the noise levels (`learn_structure`, `use_rows`); at last the model is judged and the next block begins
-(`end_block`).  `close_block` is their order, `onboard` the order of all.
+Gathered (`gather`), reduced to triangles (`reduce_rows`), asked for wind that nobody declared
+(`estimate_undeclared_wind`), tracked (`track_block`), asked for a sudden change (`detect_change`), then added to the
+structure, to the window's information and to the noise levels (`learn_structure`, `use_rows`); at last the model is
+judged and the next block begins (`end_block`).  `close_block` is their order, `onboard` the order of all.
 """
 
 import numpy as np
@@ -36,12 +36,12 @@ NOTHING, CLOSE, SET_STEP = range(3)  # what is to be done after `gather`
 @inner
 def begin_window(fixed, state, t):
     """A window begins after t [s], the last sample's: nothing is known but what is declared."""
-    fl.start_window(fixed.belief.size, state.acc)
+    fl.clear_window(fixed.belief.size, state.acc)
     fl.believe_nuisances(fixed.belief, state.filter, state.acc, t)
 
 
 @inner
-def remind(belief, fil, bank, work, dt):
+def restate_declared(belief, fil, bank, work, dt):
     """Tell the quick member again what is declared of the constants that nobody knows.
 
     A constant offset is tied to the deviations p, x + s (p - p_bar), by the data that do not tell them apart; as the
@@ -96,8 +96,8 @@ def relinearise_about(belief, fil, bank):
 
 
 @inner
-def give_up_window(fixed, state, t):
-    """Drop what this block and the window so far say: the next window begins after t [s]."""
+def restart_window(fixed, state, t):
+    """Drop this block and the window so far; begin one after t [s]."""
     begin_window(fixed, state, t)
     state.acc.score[:] = 0.0
     state.acc.information[:, :] = 0.0
@@ -162,7 +162,7 @@ def gather(block, ring, rows, profile, air, code):
             counts[rb.WAITING] = back
             return CLOSE
         if belief.size.servo > 0:
-            is_set = anew or not us.wants_step(fil, row[rb.T] - fil.time[LAST])
+            is_set = anew or not us.note_step(fil, row[rb.T] - fil.time[LAST])
             if not is_set:
                 counts[rb.WAITING] = back
                 return SET_STEP
@@ -170,13 +170,13 @@ def gather(block, ring, rows, profile, air, code):
             forget_gust(state.gust)
         if acc.counts[fl.ROWS] == 0:
             acc.start[0] = row[rb.T]
-        fl.take_sample(belief, profile, air, fil, work.filter, acc, rows, state.check, row, max_gap)
+        fl.filter_sample(belief, profile, air, fil, work.filter, acc, rows, state.check, row, max_gap)
     counts[rb.WAITING] = spare
     return CLOSE if acc.counts[fl.ROWS] > 0 and (complete or fl.is_full(acc, rows)) else NOTHING
 
 
 @kernel
-def set_servo(block):
+def set_servo_step(block):
     """Constants of the next step with a servo that is not known."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     us.set_unknown_step(fixed.belief, state.filter, work.filter)
@@ -193,14 +193,14 @@ def reduce_rows(block, rows):
 
 
 @kernel
-def doubt_servo(block):
+def widen_check_by_servo(block):
     """Take what is not known of the servo out of the check, which it does not contradict."""
     fixed, state = block[0].fixed, block[0].state
     us.widen_check(fixed.belief, state.filter, state.check)
 
 
 @kernel
-def weigh_servo(block):
+def update_servo(block):
     """Add what the block says of the servo to what is known of it; what is not known of it widens what the block says
     of a6 and k1, and is no noise.  While the model is contradicted what was learned of it fades as the levels do."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
@@ -217,14 +217,14 @@ def weigh_servo(block):
 
 
 @kernel
-def follow_servo(block):
+def relinearise_servo(block):
     """The filter's servo is the one estimated."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     us.move_servo(fixed.belief, state.filter, work.acc)
 
 
 @kernel
-def follow_wind(block, profile):
+def estimate_undeclared_wind(block, profile):
     """Take what the block says of wind and misalignment that nobody declared."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     dt, t_end = span_of(fixed, state)
@@ -241,7 +241,7 @@ def track_block(block):
     open_onset(belief.size.states, watch, bank.total, state.acc.s_start, state.acc.start[0])
     triangle = work.acc.block
     still = track(bank, work.bank, MEMORY, dt, triangle) - 0.5 * triangle[2, 2] * triangle[2, 2]
-    remind(belief, fil, bank, work.bank, dt)
+    restate_declared(belief, fil, bank, work.bank, dt)
     newest = (watch.counts[ch.NEXT] - 1) % ONSETS
     return follow_gust(belief, fil, state.gust, work.gust[:], work.acc.pair, watch.before[newest], dt, still)
 
@@ -262,7 +262,7 @@ def detect_change(block, still):
         settle_event(watch, bank.total)
         moved = state.check.flag[wh.RAISED] == 0 and accept_gust(fixed.belief, state, factor, dt)
         if moved:
-            give_up_window(fixed, state, t_end)
+            restart_window(fixed, state, t_end)
         return moved
     before = watch.before[slot]
     blocks = (watch.counts[ch.NEXT] - 1 - slot) % ONSETS + 1
@@ -274,7 +274,7 @@ def detect_change(block, still):
     if size.undeclared > 0:
         go_back(state.undeclared, blocks)
     forget_gust(state.gust)
-    give_up_window(fixed, state, t_end)
+    restart_window(fixed, state, t_end)
     return True
 
 
@@ -318,16 +318,16 @@ def end_block(block):
 def close_block(size, block, rows, profile):
     """Use the rows gathered."""
     if size.servo > 0:
-        doubt_servo(block)
+        widen_check_by_servo(block)
     reduce_rows(block, rows)
     if size.servo > 0:
-        weigh_servo(block)
-    follow_wind(block, profile)
+        update_servo(block)
+    estimate_undeclared_wind(block, profile)
     still = track_block(block)
     if not detect_change(block, still):
         if size.structured == 1:
             learn_structure(block)
         use_rows(block)
     if size.servo > 0:
-        follow_servo(block)
+        relinearise_servo(block)
     end_block(block)

@@ -25,13 +25,13 @@ NUMBERS = {**dict.fromkeys((*Sample._fields, "still"), _numba.float64),
            **dict.fromkeys(("stuck", "known"), _numba.boolean)}  # of the entries' arguments; every other is an integer
 
 FILTERED_ENTRIES = (
-    onboard.push_sample, block.is_block_whole, block.gather, block.reduce_rows, block.follow_wind,
+    onboard.push_sample, block.is_block_whole, block.gather, block.reduce_rows, block.estimate_undeclared_wind,
     block.track_block, block.detect_change, block.use_rows, block.end_block, onboard.look_at_sensors,
-    onboard.solve_closed, onboard.end_window, onboard.abandon_window, onboard.seal_block, onboard.drop_sample,
+    onboard.solve_closed, onboard.begin_next_window, onboard.abandon_window, onboard.seal_block, onboard.drop_sample,
     onboard.restart_filtered, onboard.report_now)
 STRUCTURE_ENTRIES = (block.learn_structure, onboard.choose_terms, onboard.limit_terms)
 RANGE_ENTRIES = (onboard.follow_range,)
-SERVO_ENTRIES = (block.set_servo, block.doubt_servo, block.weigh_servo, block.follow_servo)
+SERVO_ENTRIES = (block.set_servo_step, block.widen_check_by_servo, block.update_servo, block.relinearise_servo)
 REGRESSION_ENTRIES = (regression.push_sample, regression.restart_regression)
 SOLVER_ENTRIES = {"stls": regression.end_by_threshold, "sr3": regression.end_relaxed,
                   "ssr": regression.end_stepwise, "lasso": regression.end_by_lasso}

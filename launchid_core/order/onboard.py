@@ -12,7 +12,7 @@ import numpy as np
 from ..algebra.elementary import exp_of
 from ..filter.belief import AT_BETA, AT_THETA, COV, FIRST_STD, MEAN_A6, MEAN_K1, SATURATION, VAR_A6, VAR_K1
 from ..filter.disturbances import let_offsets_wander
-from ..filter.filtered import GAPS, ROWS, SAMPLES, start_window
+from ..filter.filtered import GAPS, ROWS, SAMPLES, clear_window
 from ..filter.fit import limit_absent, report_window, solve_window
 from ..filter.states import LAST, N_CHANNELS, RUNNING
 from ..filter.structure import PRIOR, select_terms
@@ -28,7 +28,7 @@ from ..watch.report import report_air, report_changes, report_level, report_serv
 from ..watch.tracker import MEMBERS, restart_bank
 from ..watch.uncertainty import close_range, restart_gauge, watch_range
 from ..watch.undeclared import restart_undeclared
-from .block import CLOSE, NOTHING, begin_window, close_block, gather, is_block_whole, seal_carried, set_servo
+from .block import CLOSE, NOTHING, begin_window, close_block, gather, is_block_whole, seal_carried, set_servo_step
 
 TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
 DUE = 64       # beside a status: what waits is to be used
@@ -52,7 +52,7 @@ def take_into_ring(fixed, state, ring, seals, rows, t, theta, theta_dot, beta, t
 def push_sample(block, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Gate and ring: the sample's Status, and DUE more where what waits is to be used.
 
-    block  (1,) inout  of the estimator (`memory.FILTERED`);  ring (m + 1, 7), seals (m + 1,)  inout
+    block  (1,) inout  of the estimator (`table.FILTERED`);  ring (m + 1, 7), seals (m + 1,)  inout
     rows   (c, 3 b)  in  of a block
     """
     fixed, state = block[0].fixed, block[0].state
@@ -123,8 +123,8 @@ def limit_terms(block, profile):
 
 
 @kernel
-def end_window(block):
-    """The next window begins."""
+def begin_next_window(block):
+    """Begin the next window."""
     fixed, state = block[0].fixed, block[0].state
     state.check.flag[IN_WINDOW] = state.check.flag[RAISED]
     let_offsets_wander(fixed.belief, state.filter, fixed.limits[rb.WINDOW])
@@ -140,7 +140,7 @@ def close_window(size, block, ring, profile):
     solve_closed(block, profile, stuck)
     if size.structured == 1:
         limit_terms(block, profile)
-    end_window(block)
+    begin_next_window(block)
 
 
 @kernel
@@ -149,7 +149,7 @@ def abandon_window(block):
     fixed, state = block[0].fixed, block[0].state
     state.acc.counts[ROWS] = 0
     state.filter.time[RUNNING] = 0.0
-    start_window(fixed.belief.size, state.acc)
+    clear_window(fixed.belief.size, state.acc)
 
 
 @kernel
@@ -195,15 +195,15 @@ def seal_block(block, rows, words, code):
 
 @kernel
 def drop_sample(block, code):
-    """Memory is damaged: RECOVERED."""
+    """Return RECOVERED: memory is damaged before the block is used."""
     return give_up(block[0].state.counts, code)
 
 
 # ---- the order
 
 
-def follow(size, block, words, ring, seals, rows, profile, air, sigma, code):
-    """A sample was accepted with this status, and what waits is to be used; returns the status, or RECOVERED."""
+def process_samples(size, block, words, ring, seals, rows, profile, air, sigma, code):
+    """Filter the samples that wait, close blocks and windows; return the Status, RECOVERED where memory is damaged."""
     if not is_block_whole(block, ring, seals, rows, words):
         return drop_sample(block, code)
     for _ in range(3 * TOGETHER):  # a block and a step at most for each sample that waits
@@ -213,7 +213,7 @@ def follow(size, block, words, ring, seals, rows, profile, air, sigma, code):
         if wanted == CLOSE:
             close_block(size, block, rows, profile)
         elif size.servo > 0:
-            set_servo(block)
+            set_servo_step(block)
     if code == rb.WINDOW_COMPLETE:
         close_window(size, block, ring, profile)
     elif code == rb.CLOCK_RESET:
@@ -227,11 +227,11 @@ def update_filtered(size, block, words, ring, seals, rows, profile, air, sigma, 
                     beta_cmd, gamma):
     """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it.
 
-    size  in  how much of the memory is in use;  the rest as of the entries, in the order of `memory.APART`
+    size  in  how much of the memory is in use;  the rest as of the entries, in the order of `table.APART`
     """
     code = push_sample(block, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code >= DUE:
-        code = follow(size, block, words, ring, seals, rows, profile, air, sigma, code - DUE)
+        code = process_samples(size, block, words, ring, seals, rows, profile, air, sigma, code - DUE)
     return code
 
 
@@ -243,7 +243,7 @@ def restart_filtered(block, rows, words):
     clear_outcome(state.outcome, SHORT)
     for k in range(size.levels):
         acc.level_information[k, k] = fixed.belief.prior[k]
-    start_window(size, acc)
+    clear_window(size, acc)
     restart_servo(fixed.belief, state.filter)
     for k in range(len(MEMBERS)):
         state.bank.weight[k] = 1.0 / len(MEMBERS)

@@ -105,7 +105,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Struct:
-    """Arrays that belong together; each struct is one object, which is what caches know it by."""
+    """A group of arrays, compared by identity so that caches can hash it."""
 
     name: str
     about: str

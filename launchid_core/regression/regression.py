@@ -31,7 +31,7 @@ from .residual import drift_integral, drift_pointwise, report_attitude
 def push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.  WINDOW_COMPLETE: the window's close has to follow, and says what it is.
 
-    block  (1,) inout  of the estimator (`memory.REGRESSION`);  ring (m + 1, 7), seals (m + 1,)  inout
+    block  (1,) inout  of the estimator (`table.REGRESSION`);  ring (m + 1, 7), seals (m + 1,)  inout
     RECOVERED: memory is damaged, the caller has to begin anew with it.
     """
     fixed, state = block[0].fixed, block[0].state
@@ -212,7 +212,7 @@ def update_regression(size, block, words, ring, seals, rows, marks, columns, ser
     """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it.
 
     size  in  how much of the memory is in use, and the formulation;  the rest as of the entries, in the order of
-    `memory.APART`
+    `table.APART`
     """
     code = push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code == rb.WINDOW_COMPLETE:

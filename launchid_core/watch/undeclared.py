@@ -209,7 +209,7 @@ def pace(weight):
 def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt, t, dt):
     """A block of dt [s] was gathered, which ends at t [s].
 
-    triangle (c, c)  in  square-root information of the block (`filtered.AccumulatorWork`)
+    triangle (c, c)  in  square-root information of the block (`table.ACCUMULATOR_WORK`)
     weight   (b,)    in  of the tracker's members
     doubt            in  what else contradicts the model (`whiteness.contradicted_by`)
     """

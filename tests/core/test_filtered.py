@@ -28,8 +28,8 @@ linalg = pytest.importorskip("scipy.linalg")
 PERIOD = 0.01
 
 
-absorb_rows, fill_transition, profile_at, set_step, take_sample = map(unjitted, (
-    linsolve.absorb_rows, tn.fill_transition, bl.profile_at, sv.set_step, fl.take_sample))
+absorb_rows, fill_transition, profile_at, set_step, filter_sample = map(unjitted, (
+    linsolve.absorb_rows, tn.fill_transition, bl.profile_at, sv.set_step, fl.filter_sample))
 
 
 def parts(noise: str = "estimated"):
@@ -40,7 +40,7 @@ def parts(noise: str = "estimated"):
 def take(cut, row) -> None:
     """One sample into the filter."""
     state, apart = cut.state, cut.apart
-    take_sample(cut.fixed.belief, apart["profile"], apart["air"], state.filter, cut.work.filter, state.acc,
+    filter_sample(cut.fixed.belief, apart["profile"], apart["air"], state.filter, cut.work.filter, state.acc,
                 apart["rows"], state.check, row, 0.015)
 
 

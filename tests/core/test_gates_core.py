@@ -345,7 +345,7 @@ def watch_block(cut) -> bool:
     seen, rows, period = cut.memory.seen, cut.apart["rows"], cut.fixed.limits[rb.PERIOD]
     cut.state.acc.start[0], cut.state.filter.time[sx.LAST] = 0.4, 0.5 - period
     bk.reduce_rows(seen, rows)
-    bk.follow_wind(seen, cut.apart["profile"])
+    bk.estimate_undeclared_wind(seen, cut.apart["profile"])
     return bool(bk.detect_change(seen, bk.track_block(seen)))
 
 

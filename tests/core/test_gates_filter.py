@@ -26,8 +26,8 @@ from launchid_core.watch import tracker as tr
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 
-begins_anew, delayed_input, is_outlier, start_segment, take_command, take_sample, update_levels, relax_levels = map(
-    unjitted, (pr.begins_anew, pr.delayed_input, pr.is_outlier, pr.start_segment, pr.take_command, fl.take_sample,
+begins_anew, delayed_input, is_outlier, start_segment, take_command, filter_sample, update_levels, relax_levels = map(
+    unjitted, (pr.begins_anew, pr.delayed_input, pr.is_outlier, pr.start_segment, pr.take_command, fl.filter_sample,
                fl.update_levels, fl.relax_levels))
 
 absorb_structure = unjitted(sr.absorb_structure)
@@ -56,7 +56,7 @@ def take(cut, t: float, theta=0.0, theta_dot=0.0, beta=0.0, beta_cmd=0.0) -> int
     """Give the filter one sample; returns how many rows it became."""
     state, before = cut.state, int(cut.state.acc.counts[fl.ROWS])
     row = np.array([t, theta, theta_dot, beta, math.nan, beta_cmd, math.nan])
-    take_sample(cut.fixed.belief, cut.apart["profile"], cut.apart["air"], state.filter, cut.work.filter, state.acc,
+    filter_sample(cut.fixed.belief, cut.apart["profile"], cut.apart["air"], state.filter, cut.work.filter, state.acc,
                 cut.apart["rows"], state.check, row, MAX_GAP)
     return int(state.acc.counts[fl.ROWS]) - before
 

@@ -53,8 +53,8 @@ WINDY = dataclasses.replace(
                     moment=1e-3))
 DRIFTING = dataclasses.replace(CALM, drift=Drift(np.zeros(1), np.array([-0.03]), np.array([-0.02])))
 
-set_step, fill_push, fill_transition, take_sample = map(unjitted, (
-    sv.set_step, ds.fill_push, tn.fill_transition, fl.take_sample))
+set_step, fill_push, fill_transition, filter_sample = map(unjitted, (
+    sv.set_step, ds.fill_push, tn.fill_transition, fl.filter_sample))
 start_segment, let_offsets_wander, believe_nuisances = map(unjitted, (
     pr.start_segment, ds.let_offsets_wander, fl.believe_nuisances))
 move_wind_level, contradict = unjitted(fl.move_wind_level), unjitted(wh.contradict)
@@ -71,7 +71,7 @@ def config(nominal: Nominal = WINDY, **choices) -> Config:
 def take(cut, row) -> None:
     """One sample into the filter."""
     state, apart = cut.state, cut.apart
-    take_sample(cut.fixed.belief, apart["profile"], apart["air"], state.filter, cut.work.filter, state.acc,
+    filter_sample(cut.fixed.belief, apart["profile"], apart["air"], state.filter, cut.work.filter, state.acc,
                 apart["rows"], state.check, row, 0.015)
 
 

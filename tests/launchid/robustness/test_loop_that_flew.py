@@ -214,3 +214,62 @@ def test_what_is_not_tested_is_assumed_and_said():
     assert len(launchid.margins(flown(CONSTANT), CONSTANT).report["assumed"]) == 1
     none = launchid.margins({name: columns[name] for name in ("t", "theta", "theta_dot", "beta")}, CONSTANT)
     assert sum("not tested" in each for each in none.report["assumed"]) == 2
+
+
+# ---- at large: a window is right within three half-widths, or has no margins
+
+
+def truth_of(flew: Nominal) -> np.ndarray:
+    """The true margins (4,) of `constant` behind what flew."""
+    servo = flew.actuator
+    row = np.array([[2.0, -7.0, servo.natural_frequency, servo.damping_ratio, servo.delay]])
+    return margin_table(loops(plants_of(row), flew.controller))[0]
+
+
+def wrong_windows(found, truths: list[np.ndarray]) -> list[tuple[float, str]]:
+    """(start [s], margin) of windows with margins that are off by more than three half-widths of their interval."""
+    return [(window.t_start, name) for window, truth in zip(found.windows, truths, strict=True) if window.window.spread
+            for name, x in zip(NAMES, truth, strict=True) for margin in [getattr(window.window.spread, name)]
+            if np.isfinite(x) and abs(x - margin.value) > 1.5 * (margin.high - margin.low)]
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("other", [
+    {"kp": 0.8}, {"kp": 1.2}, {"kp": 2.0}, {"kd": 0.6}, {"kd": 0.7}, {"kd": 1.3}, {"kp": 0.9, "kd": 1.1},
+    {"derivative_time_constant": 3.0}, {"late": 0.005}, {"late": 0.01}, {"period": 2.0},
+    {"filters": FILTERED.controller.filters}], ids=str)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_window_of_another_controller_is_wrong(other, seed):
+    late = other.get("late", 0.0)   # s, of computing time
+    flew = replace(CONSTANT, controller=replace(PD, **{
+        name: x if name == "filters" else getattr(PD, name) * x for name, x in other.items() if name != "late"}))
+    truth = truth_of(replace(flew, controller=replace(flew.controller, filters=()),
+                             actuator=replace(SERVO, delay=SERVO.delay + late)))
+    found = launchid.margins(flown(flew, seed, effects=[effect("controller_mismatch", delay=late)] if late else []),
+                             CONSTANT)
+    assert wrong_windows(found, [truth] * 6) == []
+    assert not any(window["valid"] for window in found.report["windows"])
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("change", [
+    {"delay": 0.01}, {"delay": 0.02}, {"delay": 0.03}, {"natural_frequency": 0.7}, {"natural_frequency": 0.5},
+    {"damping_ratio": 0.6}], ids=str)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_no_window_of_a_servo_that_changes_is_wrong(change, seed):
+    later = replace(SERVO, **{name: x if name == "delay" else getattr(SERVO, name) * x for name, x in change.items()})
+    other = replace(CONSTANT, actuator=later)
+    early, late = flown(CONSTANT, seed), flown(other, seed)
+    joined = {name: np.where(early["t"] < 15.0, early[name], late[name]) for name in COLUMNS}
+    found = launchid.margins(joined, CONSTANT)
+    assert wrong_windows(found, [truth_of(CONSTANT)] * 3 + [truth_of(other)] * 3) == []
+
+
+@pytest.mark.campaign
+def test_clean_flights_lose_two_windows_of_a_hundred_at_most():
+    lost = windows = 0
+    for seed in range(20):
+        found = launchid.margins(flown(CONSTANT, seed), CONSTANT)
+        lost += sum(each["status"] in ("CONTROLLER", "MODEL") for each in found.report["windows"])
+        windows += len(found.windows)
+    assert lost <= 0.02 * windows
