@@ -291,8 +291,7 @@ def regression(rows: Rows, values: np.ndarray, ends: np.ndarray, sensor: np.ndar
     return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, apart, sensor, motion)
 
 
-def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray,
-              is_causal: bool = True) -> np.ndarray:
+def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """Return a term (n,) of the rows, tau from their middle: of a library, or one that only the judge asks for."""
     if term == FAST_THETA:
         return fast_part(rows)
@@ -301,8 +300,7 @@ def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta:
     if term == "beta_ddot":
         ends = itertools.pairwise(rows.bounds.tolist())
         reach = max(1, round(BRIEF / rows.period))   # beta's own noise is not its acceleration
-        quotient = behind if is_causal else slope
-        return np.concatenate([quotient(rows.t[a:b], quotient(rows.t[a:b], beta[a:b], reach), 1) for a, b in ends])
+        return np.concatenate([behind(rows.t[a:b], behind(rows.t[a:b], beta[a:b], reach), 1) for a, b in ends])
     return column(term, attack, rate, beta, rows.t - 0.5 * (rows.t[0] + rows.t[-1]))
 
 
@@ -370,23 +368,37 @@ def ends_of(rows: Rows, terms: tuple[str, ...], values: np.ndarray, beta: np.nda
 
 
 def increments(rows: Rows, terms: tuple[str, ...], length: float) -> tuple[np.ndarray, ...]:
-    """Return times at which increments over a length [s] begin and end, of theta_dot (k,), of the terms (k, q)."""
-    span = max(1, round(length / rows.period))
+    """Return times at which increments over a length [s] begin and end, of theta_dot (k,), of the terms (k, q).
+
+    All are means about these times, over as much as a slope of theta or beta takes: of beta_ddot the integral is the
+    slope of beta.
+    """
+    span, around = max(1, round(length / rows.period)), max(1, round((BRIEF if rows.has_rate else SLOPE) / rows.period))
     parts: list[tuple[np.ndarray, ...]] = []
+    plain = tuple("1" if term == "beta_ddot" else term for term in terms)
     values = np.column_stack([np.zeros((len(rows.t), 0)), *(values_of(
-        rows, term, rows.attack, rows.theta_dot, rows.beta, is_causal=False) for term in terms)])
-    ends = ends_of(rows, terms, values, rows.beta)
+        rows, term, rows.attack, rows.theta_dot, rows.beta) for term in plain)])
+    ends = ends_of(rows, plain, values, rows.beta)
     for a, b in itertools.pairwise(rows.bounds.tolist()):
-        if b - a <= max(span, FEWEST):
+        if b - a <= max(span, FEWEST) + 2 * around:
             continue
-        t = rows.t[a:b]
+        t, beta, rate = rows.t[a:b], rows.beta[a:b], rows.theta_dot[a:b]
         area, _ = areas(t, values[a:b], ends[a:b])
-        whole = np.vstack([np.zeros(len(terms)), np.cumsum(area, axis=0)])
-        parts.append((t[:-span], t[span:], rows.theta_dot[a + span:b] - rows.theta_dot[a:b - span],
-                      whole[span:] - whole[:-span]))
+        whole = means_about(t, np.vstack([np.zeros(len(terms)), np.cumsum(area, axis=0)]), around)
+        rate = means_about(t, rate[:, None], around)[:, 0] if rows.has_rate else rate[around:-around]
+        for k in (k for k, term in enumerate(terms) if term == "beta_ddot"):
+            whole[:, k] = (beta[2 * around:] - beta[:-2 * around]) / (t[2 * around:] - t[:-2 * around])
+        t = t[around:-around]
+        parts.append((t[:-span], t[span:], rate[span:] - rate[:-span], whole[span:] - whole[:-span]))
     if not parts:
         return rows.t[:0], rows.t[:0], rows.t[:0], np.zeros((0, len(terms)))
     return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
+
+
+def means_about(t: np.ndarray, x: np.ndarray, around: int) -> np.ndarray:
+    """Return the means (n - 2 around, q) of x (n, q) over so many rows to either side of each, by the trapezium."""
+    whole = np.vstack([np.zeros((1, x.shape[1])), np.cumsum(0.5 * np.diff(t)[:, None] * (x[1:] + x[:-1]), axis=0)])
+    return np.asarray((whole[2 * around:] - whole[:-2 * around]) / (t[2 * around:] - t[:-2 * around])[:, None])
 
 
 def noise_variance(x: np.ndarray) -> float:

@@ -21,6 +21,7 @@ BY_CHANCE = 6.0      # chi square of two, 95 %: what a drift of a6 and k1 moves 
 HELD_OUT = 3         # the last of so many parts of a window is held out for its `fit`
 LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
 TWICE = 2.0          # standard deviations of the weak form, within which another formulation agrees with it
+NARROW = 3.0         # times as large a deviation of the weak form contradicts that of another formulation
 WITHDRAWN = 20.0     # s before a contradiction: as long as the estimator takes to forget one
 UNTOLD = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # what something missing may look like
 
@@ -145,7 +146,7 @@ def _of_window(rows: Rows, e: Estimate, asked: Question,
     p, unexplained = left_over(fit, m) if not fit.is_singular else (None, None)
     shown = held_out(rows, made, p) if made.valid else WindowFit()
     if not made.valid:
-        lacking = asked.lacks if made.status in UNTOLD else []
+        lacking = asked.lacks if made.status in UNTOLD or asked.is_placebo else []
         return (refused(made) if lacking else made), shown, lacking, made
     values = dict(zip(made.terms, made.xi[:, 1].tolist(), strict=True))
     xi = np.array([values[term] for term in terms])
@@ -157,8 +158,9 @@ def _of_window(rows: Rows, e: Estimate, asked: Question,
         own = np.sqrt(np.diag(fit.covariance))
         off = np.abs(xi - fit.xi)
         sizes = np.sqrt(np.sum(m.phi**2, axis=0))
-        if np.any((off > np.maximum(TWICE * np.hypot(own, std), TOLERANCE * np.abs(fit.xi)))
-                  & (off * sizes > TOLERANCE * np.max(np.abs(fit.xi) * sizes))):
+        counts = TOLERANCE * np.max(np.abs(fit.xi) * sizes) / np.maximum(sizes, 1e-300)
+        differ = (off > np.maximum(TWICE * np.hypot(own, std), TOLERANCE * np.abs(fit.xi))) & (off > counts)
+        if np.any(differ | ((own > NARROW * std) & (own > counts))):   # nothing is known better than by weights
             lacking = [Lack("coefficients")]
     return (refused(made) if lacking else made), shown, lacking, made
 
@@ -168,9 +170,9 @@ def window_fit(m: Modes, terms: tuple[str, ...], asked: Question, is_whole: bool
     the whole log tells them."""
     prior: Prior = () if is_whole else [(terms.index(term), *known) for term, known in asked.known.items()
                                         if term in terms]
-    own = noise_likelihood(m)[0]
-    pooled = [piece.likelihood for piece in asked.pieces]
-    return gls(m, own + POOLED * np.sum(pooled, axis=0) if pooled else own, prior)
+    own = noise_likelihood(m)
+    pooled = [piece.noise.restricted for piece in asked.pieces]
+    return gls(m, own.restricted + POOLED * np.sum(pooled, axis=0) if pooled else None, prior, own)
 
 
 def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) -> Estimate:
@@ -211,15 +213,16 @@ def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) 
 def drift(rows: Rows, fit: Fit, terms: tuple[str, ...]) -> np.ndarray:
     """Return the covariance (q, q) that lines in time in a6 and k1 make of the coefficients beyond chance."""
     q = len(terms)
-    slopes = tuple(f"tau*{term}" for term in ("theta", "beta") if term in terms and f"tau*{term}" not in terms)
+    slopes = tuple(f"tau*{term}" for term in ("theta", "sin(theta)", "beta")
+                   if term in terms and f"tau*{term}" not in terms)
     nothing = np.zeros((q, q))
-    if len(slopes) < 2:
+    if len(slopes) != 2:
         return nothing
     wide = term_modes(rows, (*terms, *slopes))
     bent = gls(wide)
     if bent.is_singular:
         return nothing
-    pair = [terms.index("theta"), terms.index("beta")]
+    pair = [terms.index(slope.removeprefix("tau*")) for slope in slopes]
     off = (bent.xi[:q] - fit.xi)
     spread = bent.covariance[np.ix_(pair, pair)] - fit.covariance[np.ix_(pair, pair)]
     scale = np.sqrt(np.maximum(np.diag(bent.covariance)[pair], 1e-300))
