@@ -15,7 +15,7 @@ import numpy as np
 
 from ..sums import combined, square
 from .fit import Fit, Noise, gls, least, noise_likelihood, rest, spectrum, whiteness
-from .rows import FAST_THETA, Modes, Rows, ends_of, fast_part, increments, later, regression, term_modes, values_of
+from .rows import FAST_THETA, Modes, Rows, ends_of, increments, later, regression, term_modes, values_of
 
 PIECE = 5.0          # s over which one set of coefficients holds while the log is asked,
 ROWS = 250           # and rows: of a slow log the vehicle is slower, too
@@ -24,6 +24,7 @@ PER_COEFFICIENT = 5  # modes, without which an answer cannot be tested
 STRETCH = 1.0        # s, the least stretch without a gap: what is slower, and a shift of beta, is not seen in shorter
 SURE = 5.0           # standard deviations of a term that is there
 SHIFT = 3.0          # the same of a shift of beta
+WRONG = 2.0          # the same of a number that no vehicle has
 TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
 ONE_COLUMN = 0.98    # of a column's square that others explain (|correlation| 0.99): it is one with them in this log
 SIMPLER = 0.7        # of the gain of the best term, for which a simpler one is preferred
@@ -53,7 +54,7 @@ LACKING = ("1", "theta_dot", "gamma", FAST_THETA, "sin(theta)", "sign(theta_dot)
 class Lack:
     """Something that an answer lacks, or for which no answer can be believed.
 
-    what     a term; `delay`, `clock`, `placebo`, `interpolated`, `unexplained`, `coefficients`
+    what     a term; `delay`, `clock`, `placebo`, `driving`, `interpolated`, `unexplained`, `coefficients`
     before, after   share of the weighted squares that is explained without and with it
     size     coefficient of the term [its units], delay [s], frequency [rad/s]; None for the others
     std      its standard deviation;  is_most  with it half of the error of rows left out is gone
@@ -184,11 +185,13 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
     if typical < min(STRETCH, 0.9 * (rows.t[-1] - rows.t[0])):
         return Question(rows, terms, [], None, [], f"gaps leave stretches of {typical:.2g} s: a shift of beta, and "
                         f"what is slower, cannot be tested; log at least {STRETCH:g} s without a gap")
-    pieces = [piece for piece in pieces_of(rows, terms) if not piece.fit.is_singular]
+    whole = pieces_of(rows, terms)
+    pieces = [piece for piece in whole if not piece.fit.is_singular]
     if not pieces:
-        n = len(rows.t)
-        return Question(rows, terms, [], None, [], f"{n} rows are too few to test {len(terms)} coefficients, or theta "
-                        "and beta hardly move; log longer, or more often")
+        reason = (f"{len(rows.t)} rows are too few to test {len(terms)} coefficients; log longer, or more often"
+                  if not whole else "theta and beta hardly move, or move as one: no coefficient can be tested; log a "
+                  "stretch in which beta moves by itself")
+        return Question(rows, terms, [], None, [], reason)
     known = {}
     for term in optional:
         more = beside(pieces, (*terms, term), 0.0)
@@ -230,12 +233,11 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
     like noise. A shift is a nuisance beside it, taken as none or as that which is best without the term, whichever is
     more likely with it. What halves the error of rows left out is a lack whatever the noise is.
     """
-    fast = fast_part(rows)   # where theta runs far beside it, a flight path that is missing comes before all else
+    fast = rows.fast         # where theta runs far beside it, a flight path that is missing comes before all else
     path = FAST_THETA if np.var(rows.theta) > RUNS**2 * np.var(fast) else ""
     bent, cut = bool(np.ptp(rows.attack) > LARGE), rows.stretch < min(PIECE, 0.9 * (rows.t[-1] - rows.t[0]))
     names = [term for term in LACKING if term not in terms and (term != "sin(theta)" or bent)
              and (term != "gamma" or rows.has_gamma) and (term != "beta_ddot" or rows.has_rate)
-             and not (cut and term in ("beta_ddot", FAST_THETA))   # which the ends of stretches spoil
              and (term != FAST_THETA or (not (rows.has_gamma or "sin(theta)" in terms)
                   and np.var(fast) > SEEN**2 * rows.theta_noise))]
     found = list[Lack]()
@@ -261,6 +263,8 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
             least_gain = SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total)
             gain = 2.0 * (likelihood(wider) - plain)
             is_apart = share < ONE_COLUMN or term in ("1", "gamma")
+            if cut and term == "beta_ddot":   # of which the beginnings of stretches spoil the column
+                is_apart = False
             if is_most or (is_apart and min(gain, (size / std) ** 2) > least_gain):
                 asked[term] = (gain, size, std, is_most, wider)
         if not asked:
@@ -422,6 +426,12 @@ def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray,
         if np.any((by > np.maximum(std, TOLERANCE * np.abs(xi))) & (by * sizes > largest)):
             found.append(lack)
     return found
+
+
+def is_driving(value: float, std: float, parts: np.ndarray, k: int) -> bool:
+    """Whether a rate damping is of the wrong sign and counts among the parts (q,) of the motion, of which it is one:
+    beta answers the rate, and little else moves."""
+    return value > WRONG * std and bool(parts[k] > TOLERANCE * np.max(parts))
 
 
 def left_over(fit: Fit, m: Modes) -> tuple[float | None, Lack | None]:

@@ -16,7 +16,7 @@ are means over the row.
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -49,6 +49,7 @@ class Rows:
     bounds     first rows of the stretches without a gap, and the number of rows
     is_held    beta acts from each of its values to the next
     theta_noise, rate_noise  variances of the sensors' white noise, of theta and theta_dot, as their rows show it
+    fast (n,)  what theta does within FAST, by the whole log;  (0,) not known yet
     """
 
     t: np.ndarray
@@ -62,6 +63,7 @@ class Rows:
     theta_noise: float = 0.0
     rate_noise: float = 0.0
     is_held: bool = False
+    fast: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def attack(self) -> np.ndarray:
@@ -88,7 +90,8 @@ class Rows:
         """Return some of the rows."""
         n = len(self.t[at])
         inside = self.bounds[(self.bounds > at.start) & (self.bounds < at.stop)] - at.start
-        return replace(self, **{name: getattr(self, name)[at] for name in ("t", "theta", "gamma", "theta_dot", "beta")},
+        names = ("t", "theta", "gamma", "theta_dot", "beta", "fast")
+        return replace(self, **{name: getattr(self, name)[at] for name in names},
                        bounds=np.concatenate([[0], inside, [n]]))
 
 
@@ -123,8 +126,8 @@ def usable(seen: CheckedLog) -> Rows | None:
 
 
 def with_noise_levels(rows: Rows) -> Rows:
-    """Return the rows with the noise of their sensors."""
-    return replace(rows, theta_noise=noise_variance(rows.theta),
+    """Return the rows with the noise of their sensors, and the fast part of theta."""
+    return replace(rows, theta_noise=noise_variance(rows.theta), fast=fast_part(rows.t, rows.theta),
                    rate_noise=noise_variance(rows.theta_dot) if rows.has_rate else 0.0)
 
 
@@ -294,7 +297,7 @@ def regression(rows: Rows, values: np.ndarray, ends: np.ndarray, sensor: np.ndar
 def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """Return a term (n,) of the rows, tau from their middle: of a library, or one that only the judge asks for."""
     if term == FAST_THETA:
-        return fast_part(rows)
+        return rows.fast
     if term == "gamma":
         return rows.gamma
     if term == "beta_ddot":
@@ -313,15 +316,12 @@ def behind(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
     return np.concatenate([[0.0], (x[1:] - x[before[1:]]) / (t[1:] - t[before[1:]])])[:len(t)]
 
 
-def fast_part(rows: Rows) -> np.ndarray:
-    """Return what theta does (n,) within FAST: it less its mean over that time before."""
-    reach = max(1, round(FAST / rows.period))
-    parts = []
-    for a, b in itertools.pairwise(rows.bounds.tolist()):
-        whole, at = np.concatenate([[0.0], np.cumsum(rows.theta[a:b])]), np.arange(b - a)
-        low, high = np.maximum(at - reach, 0), at + 1
-        parts.append(rows.theta[a:b] - (whole[high] - whole[low]) / (high - low))
-    return np.concatenate(parts)
+def fast_part(t: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Return what theta does (n,) within FAST: it less its mean over that time before, over lines across gaps."""
+    whole = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (theta[1:] + theta[:-1]))])
+    begin = np.maximum(t - FAST, t[0])
+    area, time = whole - np.interp(begin, t, whole), t - begin
+    return theta - np.divide(area, time, out=theta.copy(), where=time > 0.0)
 
 
 def term_modes(rows: Rows, terms: tuple[str, ...], beta: np.ndarray | None = None) -> Modes:

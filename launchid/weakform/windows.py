@@ -12,11 +12,23 @@ from ..log.check import CheckedLog
 from ..log.rates import INTERPOLATED
 from ..sums import combined, square
 from .fit import Fit, Prior, gls, least, noise_likelihood
-from .judge import INCREMENT, PER_COEFFICIENT, TOLERANCE, Lack, Lead, Question, against, left_over, question
+from .judge import (
+    INCREMENT,
+    PER_COEFFICIENT,
+    TOLERANCE,
+    Lack,
+    Lead,
+    Question,
+    against,
+    is_driving,
+    left_over,
+    question,
+)
 from .rows import Modes, Rows, increments, term_modes, usable
 
 POOLED = 0.2         # of the likelihood of the noise's ratios in the whole log, that counts in each of its windows
 ALIKE, VAGUE = 0.99, 0.3   # |correlation| of a6 and k1, relative deviations, beyond which they are not told apart
+WORTH = 0.5          # of the largest term, that one standard deviation of the term of a6 or k1 may be
 BY_CHANCE = 6.0      # chi square of two, 95 %: what a drift of a6 and k1 moves them by beyond is in the deviations
 HELD_OUT = 3         # the last of so many parts of a window is held out for its `fit`
 LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
@@ -146,7 +158,8 @@ def _of_window(rows: Rows, e: Estimate, asked: Question,
     p, unexplained = left_over(fit, m) if not fit.is_singular else (None, None)
     shown = held_out(rows, made, p) if made.valid else WindowFit()
     if not made.valid:
-        lacking = asked.lacks if made.status in UNTOLD or asked.is_placebo else []
+        lacking = [lack for lack in asked.lacks if lack.is_most] or asked.lacks
+        lacking = lacking if made.status in UNTOLD or asked.is_placebo else []
         return (refused(made) if lacking else made), shown, lacking, made
     values = dict(zip(made.terms, made.xi[:, 1].tolist(), strict=True))
     xi = np.array([values[term] for term in terms])
@@ -154,6 +167,10 @@ def _of_window(rows: Rows, e: Estimate, asked: Question,
     lacking = against(part, terms, xi, std, fit, m, asked.lacks)
     if unexplained is not None and not lacking:
         lacking = [unexplained]
+    if "theta_dot" in asked.known:   # which nobody asked for
+        k = terms.index("theta_dot")
+        if is_driving(xi[k], std[k], np.abs(xi) * np.sqrt(np.sum(m.phi**2, axis=0)), k):
+            lacking = [Lack("driving", size=float(xi[k]), std=float(std[k]))]
     if not is_weak and not lacking and not fit.is_singular:
         own = np.sqrt(np.diag(fit.covariance))
         off = np.abs(xi - fit.xi)
@@ -190,7 +207,9 @@ def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) 
     if min(pair) >= 0:
         correlation = covariance[pair[0], pair[1]] / std[pair[0]] / std[pair[1]]
         relative = std[pair] / np.abs(fit.xi[pair])
-        if np.all(relative > 1.0):
+        sizes = np.sqrt(np.sum(m.phi**2, axis=0))
+        worth = std[pair] * sizes[pair] / np.max(np.abs(fit.xi) * sizes)
+        if np.all(relative > 1.0) or np.max(worth) > WORTH:
             return dataclasses.replace(blank, status=EstimateStatus.LOW_INFORMATION)
         if abs(correlation) > ALIKE and np.all(relative > VAGUE):
             return dataclasses.replace(blank, status=EstimateStatus.SEPARATION)
