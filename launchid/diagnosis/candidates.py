@@ -333,7 +333,7 @@ def _servo_asymmetry(m: Model):
 
 
 def _servo_friction(m: Model, soft: float):
-    return [Column(command=-np.tanh(np.gradient(m.motion[:, 2], m.t[:-1]) / soft))]
+    return [Column(command=-np.tanh(m.nozzle_rate / soft))]
 
 
 def _attitude_curve(m: Model):

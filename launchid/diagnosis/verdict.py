@@ -17,12 +17,12 @@ from ..log.vehicle import plant_faults
 from ..sums import square
 from .adapter import Reading, read
 from .candidates import KINDS, usual
-from .elimination import LEAST, Elimination, Kept, Search
+from .elimination import ALIKE_Z, LEAST, Elimination, Kept, Search
 from .estimate import Fit, fit_levels, gauss_newton
 from .gain import Gain, held_out
 from .model import BLOCKS, Model, Number, Stopped
 from .scan import NEAR, Found, scan, with_shape
-from .score import compare
+from .score import compare, left_out
 
 LATE = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)   # s, delays of a servo that are tried
 FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
@@ -332,8 +332,8 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
     gain = held_out(m, el.nominal, el.final, el.full, nats)
     mine = adequacy(m, el.final)
     controller = reading.controller
-    listed = [k for k in el.kept if cause_of(m, k.group.name)]
-    unlisted = [k for k in el.kept if not cause_of(m, k.group.name)]
+    listed = [k for k in el.kept if cause_of(m, k.group.name) and not may_be_a_drift(m, el, k)]
+    unlisted = [k for k in el.kept if k not in listed]
     notes = tuple(noted(m, el))
     words = []
     of_input = [k for k in listed if k.group.name.partition("#")[0] in INPUT]
@@ -356,7 +356,9 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
         names.insert(0, Named("controller_mismatch", "controller", {
             "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
             "delay": (controller.delay, controller.std[2])}, (), controller.evidence, math.nan))
-    doubts = [f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause"
+    doubts = ["an attitude reference that drifts explains as much as a gyro_bias: another reference would decide"
+              if k.group.name == "gyro_bias" else
+              f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause"
               for k in unlisted]
     where = place_of(m, unlisted[0].group.name) if unlisted else None
     is_foreign = controller is not None and controller.is_foreign
@@ -395,6 +397,22 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
         return result("dominant", names[0].where, named=tuple(names), remaining=tuple(against), share=gain.share,
                       remaining_where=where or mine.where)
     return result("explained", names[0].where, named=tuple(names))
+
+
+def may_be_a_drift(m: Model, el: Elimination, k: Kept) -> bool:
+    """Whether an attitude that drifts does as well as a gyro's bias: it parts the columns as that does, and only the
+    moment of the drift that the vehicle feels, which a slow disturbance may be too, tells the two apart."""
+    if k.group.name != "gyro_bias" or not m.is_flown:
+        return False
+    table, bias = (m.numbers, m.shapes), m.index("gyro_bias")
+    drift = next(kind for kind in KINDS if kind.name == "attitude_walk")
+    p = with_shape(m, k.without, Found(drift, (), np.zeros(1), 0.0))
+    free = tuple(sorted({*el.final.free, bias, len(p) - 1}))
+    fit = gauss_newton(m, p, free, el.final.band | {bias}, 2)
+    costs, error = compare(m, left_out(m, fit), el.e_final, el.unit)
+    m.with_numbers(*table)
+    m.white(el.final.p)
+    return costs < ALIKE_Z * error
 
 
 def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
