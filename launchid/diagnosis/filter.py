@@ -257,8 +257,8 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
             qm = levels[QM] * levels[QM] * (h if math.isinf(c[TAU_M]) else 1.0 - em * em)
             qg = levels[QG] * levels[QG] * (1.0 - eg * eg)
             qa = levels[QA] * levels[QA]
-            held = min(max(round(c[HELD] / h), 1), sub)
-            command = levels[QC] * levels[QC] / (held * h)
+            qc = levels[QC] * levels[QC] / h
+            held = max(round(c[HELD] / h), 1)
         for j in range(sub):
             _move(x, u[k, j], h, s, f, c1, c2, kb, am, ag, em, eg, c, curved, F, not frozen)
             if frozen:
@@ -268,7 +268,7 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
             _spread(P, T, F, s, em, eg, qa, qm, qg, h)
             _hold(g, F, s)
             if (j + 1) % held == 0 or j + 1 == sub:
-                _release(P, g, command)
+                _release(P, g, qc / (j % held + 1))
         if not frozen:   # rounding makes no difference of P and its transpose, which an unstable vehicle would let grow
             for i in range(N):
                 for j in range(i):
@@ -411,7 +411,8 @@ def ahead(t, z, u, rows, c, levels, sub, X, C, starts, spans, out, variances):
                 em, eg = math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
                 qm = levels[QM] * levels[QM] * (h if math.isinf(c[TAU_M]) else 1.0 - em * em)
                 qg = levels[QG] * levels[QG] * (1.0 - eg * eg)
-                held = min(max(round(c[HELD] / h), 1), sub)
+                qc = levels[QC] * levels[QC] / h
+                held = max(round(c[HELD] / h), 1)
                 for j in range(sub):
                     _move(x, u[k, j], h, s, rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], em,
                           eg, c, curved, F, wants)
@@ -419,7 +420,7 @@ def ahead(t, z, u, rows, c, levels, sub, X, C, starts, spans, out, variances):
                         _spread(P, T, F, s, em, eg, qa, qm, qg, h)
                         _hold(g, F, s)
                         if (j + 1) % held == 0 or j + 1 == sub:
-                            _release(P, g, levels[QC] * levels[QC] / (held * h))
+                            _release(P, g, qc / (j % held + 1))
                 k += 1
             a = _acceleration(x, rows[k - 1, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], x[B], c,
                               curved)[0]

@@ -174,7 +174,7 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, bootstrap: 
 def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, say: Callable[[str], None]) -> Result:
     """Estimate everything, take away what is not needed, decide."""
     say("everything free")
-    notes = frozenset() if is_sure(m) else frozenset(m.index(x) for x in KINEMATIC if x in m.names)
+    notes = frozenset() if m.is_flown else frozenset(m.index(x) for x in KINEMATIC if x in m.names)
     p, found = everything(m)
     say("taking away")
     search = Search(m, notes)
@@ -202,13 +202,6 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
     other.with_numbers(m.numbers, m.shapes)
     nats = 0.5 * (square(el.e_nominal) - square(el.e_final))
     return replace(result, gain=held_out(other, el.nominal, el.final, el.full, nats, is_another=True))
-
-
-def is_sure(m: Model) -> bool:
-    """Both sensors are declared, flown with, and as the log has them."""
-    if not (m.is_flown and m.has["theta"] and m.has["theta_dot"]):
-        return m.is_flown
-    return True
 
 
 def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
@@ -242,10 +235,15 @@ def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
 
 
 def limited(m: Model, taken: list[Found]) -> np.ndarray:
-    """The numbers to start from: with a rate limit, a play or a delay where one leaves clearly less than none, for a
-    servo so limited or so late is no small forcing of another."""
+    """The numbers to start from: with a rate limit, a play, a delay or a trim where one leaves clearly less than none,
+    for a servo so limited or so late, or a vehicle that its trim has lost, is no small forcing of another."""
     best, plain = None, float((m.white(m.null)**2).sum())
     late, least = m.null, FAR_LESS * plain
+    if "misalignment" in m.names:
+        fit = gauss_newton(m, m.null, (m.index("misalignment"),))
+        left = float((fit.e**2).sum())
+        if left < least:
+            late, least = fit.p, left
     for delay in LATE:
         q = m.null.copy()
         q[m.index("delay")] += delay
@@ -472,6 +470,8 @@ def cause_of(m: Model, name: str) -> str:
 
 
 def place_of(m: Model, name: str) -> str:
+    if name in m.names:
+        return CATALOGUE[cause_of(m, name)].where if cause_of(m, name) else "plant"
     return next((s.kind.place for s in m.shapes if s.names[0].startswith(name + ".")), "plant")
 
 
