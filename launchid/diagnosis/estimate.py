@@ -3,10 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from sim.vehicle.kernels import kernel
 
 from ..sums import along, square
-from .filter import FAST, LEVELS
+from .filter import LEVELS
 from .model import Model
 
 SMALL = 0.05           # of the objective: less in a step ends the iterations
@@ -27,7 +28,7 @@ class Fit(NamedTuple):
         return self.free.index(j)
 
 
-@njit(cache=True, fastmath=FAST)
+@kernel
 def _gram(A, out):
     """out (k, k): the products of the rows of A (k, n), in this thread's order alone (`sums`)."""
     for i in range(len(A)):

@@ -17,7 +17,8 @@ Jazwinski 1970, th. 7.2 (prediction).
 import math
 
 import numpy as np
-from numba import njit
+
+from sim.vehicle.kernels import apart, kernel
 
 TH, OM, M, G, B, V = range(6)
 N = 6
@@ -30,10 +31,9 @@ U = 6                                 # the command's column in the slopes of a 
 RT, RW, RB, QA, QC, QM, QG = range(7)  # levels: sensors [unit], densities of acceleration and command, sigmas of m, g
 LEVELS = 7
 LOST = 1e7                             # rad or rad/s: a model that ran away is set back to the log
-FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
-@njit(fastmath=FAST)
+@apart
 def _acceleration(x, f, c1, c2, k, am, ag, b, c, curved):
     """omega' without kappa, and its slopes in theta, omega and b."""
     a = f + c1 * x[TH] + c2 * x[OM] + k * b + c[K2] * b * b + am * x[M] + ag * x[G]
@@ -57,7 +57,7 @@ def _acceleration(x, f, c1, c2, k, am, ag, b, c, curved):
     return a, at, aw, ab
 
 
-@njit(cache=True)
+@apart
 def servo_of(c, h, s):
     """s (7,) out: the servo over a step h: f11, f12, f21, f22 of (b - u, v), the mean's i1, i2, and h."""
     s[:] = 0.0
@@ -75,7 +75,7 @@ def servo_of(c, h, s):
     s[5] = -(s[3] - 1.0 + 2.0 * z * w * s[1]) / (w * w * h)
 
 
-@njit(fastmath=FAST)
+@apart
 def _move(x, u, h, s, f, c1, c2, k, am, ag, em, eg, c, curved, F, wants):
     """x (6,) inout over one step; F (2, 7) out: slopes of theta and omega in x and in the command."""
     off = x[B] - u
@@ -103,7 +103,7 @@ def _move(x, u, h, s, f, c1, c2, k, am, ag, em, eg, c, curved, F, wants):
     x[V] = nv
 
 
-@njit(fastmath=FAST)
+@apart
 def _update(x, P, H, e, r, K):
     """Scalar measurement with innovation e; x, P inout, K (6,) out; -> its variance."""
     v0 = v1 = v2 = v3 = v4 = v5 = 0.0
@@ -128,7 +128,7 @@ def _update(x, P, H, e, r, K):
     return s
 
 
-@njit(fastmath=FAST)
+@apart
 def _spread(P, T, F, s, em, eg, qa, qm, qg, h):
     """P (6, 6) inout over one step h; T (6, 6) scratch; density of the acceleration's noise, variances of moments."""
     for i in range(N):
@@ -155,7 +155,7 @@ def _spread(P, T, F, s, em, eg, qa, qm, qg, h):
     P[3, 3] += qg
 
 
-@njit(fastmath=FAST)
+@apart
 def _hold(g, F, s):
     """g (6,) inout over one step: what a unit error of the command has done since it began."""
     th, om, b, v = g[TH], g[OM], g[B], g[V]
@@ -165,7 +165,7 @@ def _hold(g, F, s):
     g[V] = s[2] * b + s[3] * v - s[2]
 
 
-@njit(fastmath=FAST)
+@apart
 def _release(P, g, variance):
     """P (6, 6) inout: the command's error of this variance, held until now, joins; another begins."""
     for i in range(N):
@@ -174,7 +174,7 @@ def _release(P, g, variance):
     g[:] = 0.0
 
 
-@njit(cache=True, fastmath=FAST)
+@kernel
 def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: PLR0912, PLR0915 - one algorithm, in order
     """Filter a log; or, `frozen`, follow it with the gains that the last filter left in K.
 
@@ -286,7 +286,7 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
                     P[i, i] = P0[i]
 
 
-@njit(cache=True, fastmath=FAST)
+@kernel
 def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
     """The change E (n, 3) of the innovations that a small forcing makes: force (n,) [rad/s^2] and command (n,)
     [rad] over each row, shift (n, 3) of the measurements.  Linear, about the last filter's path."""
@@ -325,7 +325,7 @@ def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
             x[V] = s[2] * off + s[3] * x[V]
 
 
-@njit(cache=True)
+@kernel
 def whiten(E, S, at, out):
     """out: innovations over their deviations, those beyond 8 shortened (Huber 1964); -> the sum of log variances."""
     total = 0.0
@@ -341,7 +341,7 @@ def whiten(E, S, at, out):
     return total
 
 
-@njit(cache=True)
+@kernel
 def nozzle_input(u, h, c, lag, washout, play, rate, out):
     """What acts in the place of the command u (m,), means over steps h (m,): behind a play of +-play, a first-order
     lag, and less its low-pass of time 1/washout; of a servo that moves no faster than `rate`, the input at which the
@@ -382,7 +382,7 @@ def nozzle_input(u, h, c, lag, washout, play, rate, out):
         out[i] = x
 
 
-@njit(cache=True, fastmath=FAST)
+@kernel
 def ahead(t, z, u, rows, c, levels, sub, X, C, starts, spans, out, variances):
     """out (starts, spans, 3): measured less predicted, free from the filtered states X at `starts` rows, each of
     `spans` (increasing) rows ahead; NaN where not measured or beyond the log.  variances of them, alike, where there

@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 import pytest
-from compiled import compiled
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 from test_diagnosis import log_of
 from test_effects_outside import MODEL_A6, MODEL_K1, PERIOD, exact, probed, short
+from unjitted import unjitted
 
 from launchid.bound.flights import flight_bound
 from launchid.diagnosis.verdict import diagnose
@@ -57,7 +57,7 @@ def moved(frequency, damping, is_lag, h, start, rate=NONE):
                         ("first_order", is_lag), ("rate_limit", rate), ("rate_reach", rate), ("beta", beta),
                         ("beta_dot", beta_dot)):
         setattr(own, name, value)
-    integrals = compiled(servo_motion)(own, np.full(1, math.nan, FREE)[0], h, command)
+    integrals = unjitted(servo_motion)(own, np.full(1, math.nan, FREE)[0], h, command)
     return own.beta, own.beta_dot, *integrals
 
 

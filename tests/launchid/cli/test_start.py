@@ -120,17 +120,18 @@ def test_who_ignores_interrupts_goes_on_ignoring_them():
     assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("launchid ")
 
 
-@pytest.mark.parametrize("words", ["identify LOG --plot x.png", "uncertainty LOG vega_like --plot x.png"])
+@pytest.mark.parametrize("words", ["identify LOG", "uncertainty LOG vega_like"])
 def test_without_matplotlib_one_line_says_what_to_install(tmp_path, words):
     """The environment is like one with the wheel alone."""
     log = tmp_path / "log.csv"
     log.write_text("t,theta,beta\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(300)))
     (tmp_path / "without.py").write_text("import sys; sys.modules['matplotlib'] = None\n"
                                          "from launchid.cli.main import main; sys.exit(main(sys.argv[1:]))")
-    done = python(tmp_path / "without.py", *words.replace("LOG", str(log)).split(), PYTHONPATH=str(ROOT))
+    words = [*words.replace("LOG", str(log)).split(), "--plot", "x.png", "--quiet"]
+    done = python(tmp_path / "without.py", *words, PYTHONPATH=str(ROOT))
     assert done.returncode == 2, done.stderr
     assert done.stderr.splitlines()[-1].endswith("pip install 'launchid[plots]'")
-    assert len(done.stderr.splitlines()) == 1 or done.stderr.startswith("launchid: compiling")
+    assert len(done.stderr.splitlines()) == 1
     assert not (ROOT / "x.png").exists()
 
 
@@ -143,7 +144,7 @@ def test_the_core_imports_its_own_modules_alone_beside_numba():
 
 
 def test_export_c_compiles_nothing_and_writes_the_bytes_of_the_compiled_estimator(tmp_path):
-    words = ["export-c", "constant", "--window", "1", "--library", "quadratic"]
+    words = ["export-c", "constant", "--window", "1", "--library", "quadratic", "--quiet"]
     done = python("-m", "sim", *words, "--out", tmp_path / "plain", LAUNCHID_CACHE=str(tmp_path / "cache"),
                   NUMBA_CACHE_DIR="")
     assert done.returncode == 0 and "compiling" not in done.stderr and len(done.stderr.splitlines()) == 1

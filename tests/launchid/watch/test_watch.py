@@ -661,7 +661,8 @@ def launched(*words: object, **more) -> subprocess.Popen:
 
 @pytest.mark.skipif(os.name != "posix", reason="SIGINT to a process")
 def test_ctrl_c_ends_it_with_the_answer(folder):
-    command = launched(folder / "flight.csv", "--nominal", folder / "short.toml", "--window", "1", "--json", "-")
+    command = launched(folder / "flight.csv", "--nominal", folder / "short.toml", "--window", "1", "--json", "-",
+                       "--quiet")
     said = iter(functools.partial(command.stderr.readline), "")
     port = next(int(found[1]) for line in said if (found := re.search(r"127\.0\.0\.1:(\d+)/", line)))
     Session.until(lambda: json.loads(asked(port, "/state")[2])["now"].get("rows") == 1200)
