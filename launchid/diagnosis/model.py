@@ -197,7 +197,7 @@ class Model:
             _, self.base_input, _, self.base_constants = self.arrays(self.null)
 
     def input_of(self, get, c: np.ndarray) -> np.ndarray:
-        """The servo's input (n, sub) [rad]: the commands later by `delay`, through what the numbers put in the way."""
+        """Return the servo's input (n, sub) [rad]: commands after delay, lag, washout, play, rate limit and gain."""
         key = (get("delay"), max(get("lag"), 0.0), max(get("washout"), 0.0), get("play"), get("rate_limit"))
         if key not in self.inputs:
             delay = (self.servo.delay if self.is_commanded else 0.0) + key[0]
@@ -313,8 +313,7 @@ class Model:
         return E.ravel()[self.flat] * self.weight
 
     def ahead(self, starts: np.ndarray, spans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(errors (starts, spans, 3) of the last run's model, free from its filtered states; variances of them, NaN
-        without `C`)."""
+        """Return errors and variances (starts, spans, 3) of open-loop predictions; variances are NaN without `C`."""
         z, rows, c = self.last
         errors, variances = np.empty((2, len(starts), len(spans), 3))
         ekf.ahead(self.t, np.ascontiguousarray(z), self.last_input, rows, c, np.exp(self.levels), self.track.sub,

@@ -19,7 +19,6 @@ from .record import LONGEST_STEP, Record
 
 MOST = 8_000           # rows that are fitted: 80 s at 100 Hz
 SINE = "sin(theta)"    # the term of a body that swings, beside a6
-NEARLY = 1.0 + 1e-9    # of the longest step: rounding
 SLOWEST = 0.02         # s between rows that are kept of a faster log: two fifths of a servo's time constant of 0.05 s
 RESOLVED = 0.3         # rad of the nominal's own motion, of frequency |a6|^1/2, between them: 20 rows a period
 
@@ -63,8 +62,7 @@ def _every(rows: int, period: float, longest: float, most: int) -> int:
 
 
 def shortened(record: Record, most: int = MOST) -> Record:
-    """The record, as long as one may be that will be thinned, so that nothing is computed for rows that are not
-    used."""
+    """Cut the record to the most rows that `used` can thin to `most`; further rows would not be used."""
     if record.rows <= most:
         return record
     longest = most * _every(record.rows, record.period, slowest(record.nominal, record.a6), most)
@@ -123,7 +121,7 @@ def coarser(record: Record) -> Record:
     """The longest integration step that meets every row and tick."""
     whole = int(np.gcd.reduce(np.append(record.at, (record.tick, record.first_step))))
     times = max(m for m in range(1, whole + 1)
-                if whole % m == 0 and (m == 1 or m * record.step < LONGEST_STEP * NEARLY))
+                if whole % m == 0 and (m == 1 or m * record.step < LONGEST_STEP * (1.0 + 1e-9)))
     return replace(record, step=record.step * times, every=record.every // times, tick=record.tick // times,
                    first_step=record.first_step // times, at=record.at // times,
                    a6=np.ascontiguousarray(record.a6[::times]), k1=np.ascontiguousarray(record.k1[::times]),
