@@ -132,7 +132,7 @@ def with_noise_levels(rows: Rows) -> Rows:
 
 
 def bridged(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (x with runs of at most BRIDGED missing cells filled by lines, (n,) bool where x is known then)."""
+    """Return (x interpolated over all gaps, (n,) bool: measured, or in a gap of at most BRIDGED cells)."""
     good = np.isfinite(x)
     if good.all() or not good.any():
         return x, good

@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterable
 import numba
 import numpy as np
 import pytest
-from compiled import compiled
 from cut import flip, persisting
 from sealed import reseal
+from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
@@ -27,7 +27,7 @@ from sim.flight import fly_whole
 from sim.nominal import load_nominal
 from sim.sections import Offsets, Wind
 
-is_sound = compiled(ob.is_sound)
+is_sound = unjitted(ob.is_sound)
 NAN, INF = math.nan, math.inf
 JIT = not numba.config.DISABLE_JIT
 PERIOD = 0.01

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from compiled import compiled
 from cut import cut_of
+from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator
@@ -22,11 +22,11 @@ from launchid_core.watch import changes as ch
 from launchid_core.watch import tracker as tr
 from sim.nominal import load_nominal
 
-absorb, mix, move, restart_bank, track = map(compiled, (tr.absorb, tr.mix, tr.move, tr.restart_bank, tr.track))
-carry_columns, follow_onset, follow_onsets, onset_time, open_onset, raise_alarm, settle_event = map(compiled, (
+absorb, mix, move, restart_bank, track = map(unjitted, (tr.absorb, tr.mix, tr.move, tr.restart_bank, tr.track))
+carry_columns, follow_onset, follow_onsets, onset_time, open_onset, raise_alarm, settle_event = map(unjitted, (
     linsolve.carry_columns, ch.follow_onset, ch.follow_onsets, ch.onset_time, ch.open_onset, ch.raise_alarm,
     ch.settle_event))
-withdraw_events = compiled(ch.withdraw_events)
+withdraw_events = unjitted(ch.withdraw_events)
 
 BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
 VALUES = [ch.E_A6_BEFORE, ch.E_A6_AFTER, ch.E_K1_BEFORE, ch.E_K1_AFTER]

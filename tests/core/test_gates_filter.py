@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from compiled import compiled
 from cut import cut_of
 from sealed import reseal
+from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator, Sample, Status
@@ -27,10 +27,10 @@ from sim.flight import fly_whole
 from sim.nominal import load_nominal
 
 begins_anew, delayed_input, is_outlier, start_segment, take_command, take_sample, update_levels, relax_levels = map(
-    compiled, (pr.begins_anew, pr.delayed_input, pr.is_outlier, pr.start_segment, pr.take_command, fl.take_sample,
+    unjitted, (pr.begins_anew, pr.delayed_input, pr.is_outlier, pr.start_segment, pr.take_command, fl.take_sample,
                fl.update_levels, fl.relax_levels))
 
-absorb_structure = compiled(sr.absorb_structure)
+absorb_structure = unjitted(sr.absorb_structure)
 MAX_GAP = 0.015
 CHANNELS = ("theta", "theta_dot", "beta")
 

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from compiled import compiled
 from cut import cut_of
 from sealed import reseal
+from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model, run
 from launchid_core import Config, Estimator
@@ -29,7 +29,7 @@ BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their va
 FAR = 4.0  # own standard deviations
 
 mix_gust, blow, see_block, carry_gust, follow_gust, take_gust, accept_gust = map(
-    compiled, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, gu.take_gust, bk.accept_gust))
+    unjitted, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, gu.take_gust, bk.accept_gust))
 
 
 def config(nominal=DECLARED, window: float = 1.0) -> Config:

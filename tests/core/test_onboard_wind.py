@@ -14,9 +14,9 @@ from statistics import NormalDist
 import numba
 import numpy as np
 import pytest
-from compiled import compiled
 from cut import cut_of
 from numba.core.runtime import _nrt_python, rtsys
+from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model, run
 from launchid_core import Config, Estimate, Estimator, Model, Sample, Status
@@ -53,14 +53,14 @@ WINDY = dataclasses.replace(
                     moment=1e-3))
 DRIFTING = dataclasses.replace(CALM, drift=Drift(np.zeros(1), np.array([-0.03]), np.array([-0.02])))
 
-set_step, fill_push, fill_transition, take_sample = map(compiled, (
+set_step, fill_push, fill_transition, take_sample = map(unjitted, (
     sv.set_step, ds.fill_push, tn.fill_transition, fl.take_sample))
-start_segment, let_offsets_wander, believe_nuisances = map(compiled, (
+start_segment, let_offsets_wander, believe_nuisances = map(unjitted, (
     pr.start_segment, ds.let_offsets_wander, fl.believe_nuisances))
-move_wind_level, contradict = compiled(fl.move_wind_level), compiled(wh.contradict)
-solve_window, report_window, limit_absent = map(compiled, (ft.solve_window, ft.report_window, ft.limit_absent))
+move_wind_level, contradict = unjitted(fl.move_wind_level), unjitted(wh.contradict)
+solve_window, report_window, limit_absent = map(unjitted, (ft.solve_window, ft.report_window, ft.limit_absent))
 note_innovation, queue_block, drop_blocks, forget_blocks, judge_model, judge_window, likelihood_of_chance = map(
-    compiled, (wh.note_innovation, wh.queue_block, wh.drop_blocks, wh.forget_blocks, wh.judge_model, wh.judge_window,
+    unjitted, (wh.note_innovation, wh.queue_block, wh.drop_blocks, wh.forget_blocks, wh.judge_model, wh.judge_window,
                wh.likelihood_of_chance))
 
 
@@ -358,7 +358,7 @@ def test_a_level_moves_in_a_block_by_so_much_at_most_the_wind_s_by_more():
     cut = cut_of(config())
     fil, acc = cut.state.filter, cut.state.acc
     acc.score[[0, 5]] = 1e6, 1e6
-    compiled(fl.update_levels)(cut.fixed.belief, fil, acc, cut.work.acc)
+    unjitted(fl.update_levels)(cut.fixed.belief, fil, acc, cut.work.acc)
     assert fil.level.tolist() == pytest.approx([fl.LEVEL_STEP, 0.0, 0.0, 0.0, 0.0, fl.WIND_STEP, 0.0])
     assert fil.note[sx.LEVEL_CLAMPS] == 2 and not acc.score.any()
 

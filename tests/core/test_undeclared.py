@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from compiled import compiled
 from cut import cut_of
 from sealed import carried, reseal
+from unjitted import unjitted
 
 from launchid.identification.windows import next_step, onboard_model, report, run
 from launchid.robustness.level import ranged_model
@@ -34,9 +34,9 @@ FAR = 3.0  # own standard deviations
 SEED = 31
 
 measure, distance, free_deviations, choose_filter, forget_constants, pace, restart, reduce_moment, follow = map(
-    compiled, (linsolve.measure, un.distance, un.free_deviations, un.choose_filter, un.forget_constants, un.pace,
+    unjitted, (linsolve.measure, un.distance, un.free_deviations, un.choose_filter, un.forget_constants, un.pace,
                un.restart_undeclared, un.reduce_moment, un.follow_undeclared))
-begin_block, go_back = compiled(un.begin_block), compiled(un.go_back)
+begin_block, go_back = unjitted(un.begin_block), unjitted(un.go_back)
 
 
 def config(nominal) -> Config:

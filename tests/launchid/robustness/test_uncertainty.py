@@ -12,11 +12,11 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-from compiled import compiled
 from cut import scratch
 from hypothesis import given
 from hypothesis import strategies as hs
 from numba.core.runtime import _nrt_python, rtsys
+from unjitted import unjitted
 
 from launchid.cli.main import main
 from launchid.experiments import confidence
@@ -45,7 +45,7 @@ class Range:
 
     def __init__(self, sigma: float = SIGMA) -> None:
         self.gauge = scratch(GAUGE, 2)
-        compiled(un.restart_gauge)(self.gauge)
+        unjitted(un.restart_gauge)(self.gauge)
         self.range = np.array([[0.0, sigma, sigma]])
         self.sigma = sigma
         self.counts, self.event = np.zeros(N_COUNTS, np.int64), np.zeros((MAX_EVENTS, N_EVENT))
@@ -53,8 +53,8 @@ class Range:
     def see(self, t: float, delta: float, std: float) -> bool:
         """a6 of this delta at t; whether the alarm is raised.  k1 is known to be nominal."""
         total = np.array([self.sigma * delta, 0.0, (self.sigma * std) ** 2, 0.0, 1e-8])
-        compiled(un.watch_range)(self.range, self.gauge, total, t, 0.0, self.counts, self.event)
-        compiled(un.close_range)(self.range, self.gauge, total, t)
+        unjitted(un.watch_range)(self.range, self.gauge, total, t, 0.0, self.counts, self.event)
+        unjitted(un.close_range)(self.range, self.gauge, total, t)
         assert self.gauge.flag[1, un.RAISED] == 0
         return bool(self.gauge.flag[0, un.RAISED])
 
@@ -147,7 +147,7 @@ def test_it_began_with_the_sudden_change_that_took_it_out():
 def test_what_is_not_finite_changes_nothing():
     gauge = Range()
     before = [array.copy() for array in gauge.gauge]
-    compiled(un.watch_range)(gauge.range, gauge.gauge, np.full(5, NAN), 0.0, 0.0, gauge.counts, gauge.event)
+    unjitted(un.watch_range)(gauge.range, gauge.gauge, np.full(5, NAN), 0.0, 0.0, gauge.counts, gauge.event)
     for array, old in zip(gauge.gauge, before, strict=True):
         np.testing.assert_array_equal(array, old)
 
