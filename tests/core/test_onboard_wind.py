@@ -6,14 +6,13 @@ import math
 import pickle
 from importlib import import_module
 from statistics import NormalDist
-from types import ModuleType
 
 import numba
 import numpy as np
 import pytest
 from cut import cut_of
 from numba.core.runtime import _nrt_python, rtsys
-from unjitted import unjitted, unjitted_module
+from unjitted import unjitted, unjitted_packages
 
 from launchid.identification.windows import onboard_model, run
 from launchid_core import Config, Estimate, Estimator, Model, Status
@@ -820,10 +819,10 @@ def test_a_flight_in_wind_allocates_nothing():
     assert not math.isnan(estimator.estimate().wind)
 
 
-def told(core: ModuleType, onboard: ModuleType) -> list:
-    """Everything of a second of flight in wind, by this copy of the packages."""
-    estimator = core.Estimator(core.Config(window=0.5, formulation="filtered",
-                                           model=onboard.onboard_model(WINDY)))
+def told() -> list:
+    """Everything of a second of flight in wind, by the packages that are imported now."""
+    core, onboard = map(import_module, ("launchid_core", "launchid.onboard"))
+    estimator = core.Estimator(core.Config(window=0.5, formulation="filtered", model=onboard.onboard_model(WINDY)))
     for sample in list(windy_flight(2).samples())[600:700]:
         estimator.update(core.Sample(*sample))
     fil, estimate = estimator._parts.state.filter, estimator.estimate()
@@ -833,11 +832,10 @@ def told(core: ModuleType, onboard: ModuleType) -> list:
 
 
 @pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: nothing is compiled")
-def test_the_same_without_the_compiler(monkeypatch):
-    packages = "launchid_core", "launchid.onboard"
-    compiled = told(*map(import_module, packages))
-    monkeypatch.setattr(numba.config, "DISABLE_JIT", 1)
-    written = told(*map(unjitted_module, packages))
+def test_the_same_without_the_compiler():
+    compiled = told()
+    with unjitted_packages():
+        written = told()
     assert compiled[:2] == written[:2]
     for one, two in zip(compiled[2:], written[2:], strict=True):
         assert np.allclose(one, two, rtol=1e-12, atol=1e-12 * np.max(np.abs(one)), equal_nan=True)

@@ -65,7 +65,7 @@ def fly_open_loop(steps: int, duration: float = 0.4) -> np.ndarray:
 
 
 def test_runge_kutta_is_of_fourth_order():
-    fine = fly_open_loop(16 * 128)
+    fine = fly_open_loop(4 * 128)
     errors = [np.linalg.norm(fly_open_loop(steps) - fine) for steps in (32, 64, 128)]
     orders = np.log2([errors[0] / errors[1], errors[1] / errors[2]])
     assert (np.abs(orders - 4.0) < 0.35).all(), orders
