@@ -69,6 +69,7 @@ class Model:
 
     numbers  the table, grown by `with_shapes`;  shapes  the candidates beyond the usual numbers that are fitted
     motion   (n, 3) attitude, rate, nozzle by the filter: what forced columns are made of
+    nozzle_rate  (n,) over each row as predicted at its beginning: what is measured at its end knows the row's noise
     """
 
     def __init__(self, track: Track, noise: str = "bounded") -> None:
@@ -124,7 +125,7 @@ class Model:
         """(declared levels, sigma of the logarithm about them (0: not fitted), largest factor) (LEVELS,) each."""
         nominal, r = self.track.nominal, self.track.record
         s, a, sim, c, known = nominal.sensors, nominal.actuator, nominal.simulation, self.law, self.known
-        tick = c.period if c is not None else float(np.median(self.dt))
+        self.tick = tick = c.period if c is not None else float(np.median(self.dt))
         given = [(s.theta_std, s.theta_step), (s.theta_dot_std, s.theta_dot_step), (s.beta_std, s.beta_step)]
         sensor = []
         for k, (white_part, step) in enumerate(given):
@@ -232,7 +233,7 @@ class Model:
         c[ekf.SCALE], c[ekf.GYRO], c[ekf.NULL] = get("gyro_scale", 1.0), get("gyro_bias"), get("nozzle_bias")
         c[ekf.SOFT] = max(0.05 * self.scales.omega, 1e-9)
         c[ekf.TAU_M], c[ekf.TAU_G] = self.tau_m, self.tau_g
-        c[ekf.KAPPA] = get("inertia")
+        c[ekf.KAPPA], c[ekf.HELD] = get("inertia"), self.tick
         rows = np.zeros((self.n, 6))
         for name, code in CURVES.items():
             c[code] = get("term " + name, self.terms.get(name, 0.0))
@@ -323,5 +324,7 @@ class Model:
     def settle(self) -> None:
         """Keep the filtered motion of the last run for the columns that are made of it."""
         self.motion = np.column_stack([self.X[:, 0], self.X[:, 1], self.X[:, 4]])
+        predicted = self.X[1:, ekf.B] - np.sum(self.K[1:, :, ekf.B] * self.E[1:], axis=1)
+        self.nozzle_rate = np.append((predicted - self.X[:-1, ekf.B]) / self.dt[:-1], 0.0)
         self.columns.clear()
         self._know()

@@ -105,16 +105,8 @@ def thinned(record: Record, every: int) -> Record:
     return replace(record, z=some(record.z), reference=some(record.reference), at=at,
                    first_step=record.first_step + begin, every=record.every * every, tick=record.tick * merged,
                    commands=commands, logged=None if record.logged is None else some(record.logged),
-                   held=1, lost=_lost(record, every), unknown=record.unknown / every, unsure=record.unsure * every,
+                   held=1, unsure=record.unsure * every,
                    held_phase=0, thinned=record.thinned * every)
-
-
-def _lost(record: Record, every: int) -> np.ndarray | None:
-    """Whether one of so many rows each is lost."""
-    if record.lost is None:
-        return None
-    rest = record.lost[record.held_phase:]
-    return np.logical_or.reduceat(rest, np.arange(0, len(rest), every))
 
 
 def coarser(record: Record) -> Record:
@@ -142,5 +134,4 @@ def cut(record: Record, most: int) -> Record:
     at = np.maximum(record.at[part] - begin, 0)  # its first stamp may be early
     return replace(record, z=record.z[part], reference=record.reference[part], at=at,
                    first_step=record.first_step + begin, commands=record.commands[first * ticks:(first + most) * ticks],
-                   logged=None if record.logged is None else record.logged[part],
-                   lost=None if record.lost is None else record.lost[part], held_phase=0)
+                   logged=None if record.logged is None else record.logged[part], held_phase=0)

@@ -3,10 +3,7 @@
 import dataclasses
 import json
 import math
-import os
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 
 import numba
@@ -30,7 +27,6 @@ from launchid_core.watch.changes import E_TIME, EVENTS, MAX_EVENTS, N_COUNTS, N_
 from sim.flight import fly_whole
 from sim.nominal import Nominal, built_in, load_nominal
 
-ROOT = Path(__file__).resolve().parents[3]
 SIGMA = 0.25
 NAN = math.nan
 
@@ -333,17 +329,6 @@ def test_the_figure_is_drawn(launchid, folder, tmp_path):
         assert launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--plot", tmp_path / name)[0] == 0
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes() != b""
     assert report([]) == {"windows": []}
-
-
-def test_the_same_without_the_compiler():
-    """The kernels are Python: un-jitted they give the same numbers."""
-    code = ("import sys; sys.path[:0] = ['tests', 'tests/launchid/robustness']\nfrom test_uncertainty import Range\n"
-            "g = Range()\n"
-            "print([g.see(*x) for x in ((1.0, 0.2, 0.1), (2.0, 1.5, 0.1), (3.0, 0.5, 0.2))], "
-            "g.gauge.probability[0].tolist(), g.gauge.band.tolist())")
-    said = {flag: subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True,
-                                 env={**os.environ, "NUMBA_DISABLE_JIT": flag}).stdout for flag in ("0", "1")}
-    assert said["0"] == said["1"] != ""
 
 
 def flown(n, sigma, gauge, total, now, counts, event):
