@@ -11,9 +11,9 @@ from sim.files import write_text
 from ..charts.figure import figure_json
 from ..charts.markup import list_of, text
 from ..charts.page import page, picture
+from ..charts.report import COLOUR
 from .logs import Looked
 
-COLOUR = "#12355b"
 CAPTION = "Each log has its colour and dash. Crosses: values that the data check doubts; grey: columns that it doubts."
 
 

@@ -12,7 +12,6 @@ from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator
-from launchid_core.algebra import linsolve
 from launchid_core.filter import belief as bl
 from launchid_core.filter import filtered as fl
 from launchid_core.filter import states as sx
@@ -23,10 +22,9 @@ from launchid_core.watch import tracker as tr
 from sim.nominal import load_nominal
 
 absorb, mix, move, restart_bank, track = map(unjitted, (tr.absorb, tr.mix, tr.move, tr.restart_bank, tr.track))
-carry_columns, follow_onset, follow_onsets, onset_time, open_onset, raise_alarm, settle_event = map(unjitted, (
-    linsolve.carry_columns, ch.follow_onset, ch.follow_onsets, ch.onset_time, ch.open_onset, ch.raise_alarm,
-    ch.settle_event))
-withdraw_events = unjitted(ch.withdraw_events)
+follow_onset, follow_onsets, onset_time, open_onset, raise_alarm, settle_event, withdraw_events = map(unjitted, (
+    ch.follow_onset, ch.follow_onsets, ch.onset_time, ch.open_onset, ch.raise_alarm, ch.settle_event,
+    ch.withdraw_events))
 
 BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
 VALUES = [ch.E_A6_BEFORE, ch.E_A6_AFTER, ch.E_K1_BEFORE, ch.E_K1_AFTER]

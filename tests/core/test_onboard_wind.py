@@ -50,13 +50,11 @@ DRIFTING = dataclasses.replace(CALM, drift=Drift(np.zeros(1), np.array([-0.03]),
 
 set_step, fill_push, fill_transition, filter_sample = map(unjitted, (
     sv.set_step, ds.fill_push, tn.fill_transition, fl.filter_sample))
-start_segment, let_offsets_wander, believe_nuisances = map(unjitted, (
-    pr.start_segment, ds.let_offsets_wander, fl.believe_nuisances))
+start_segment, believe_nuisances = unjitted(pr.start_segment), unjitted(fl.believe_nuisances)
 move_wind_level, contradict = unjitted(fl.move_wind_level), unjitted(wh.contradict)
 solve_window, report_window, limit_absent = map(unjitted, (ft.solve_window, ft.report_window, ft.limit_absent))
-note_innovation, queue_block, drop_blocks, forget_blocks, judge_model, judge_window, likelihood_of_chance = map(
-    unjitted, (wh.note_innovation, wh.queue_block, wh.drop_blocks, wh.forget_blocks, wh.judge_model, wh.judge_window,
-               wh.likelihood_of_chance))
+note_innovation, queue_block, drop_blocks, judge_model, judge_window, likelihood_of_chance = map(unjitted, (
+    wh.note_innovation, wh.queue_block, wh.drop_blocks, wh.judge_model, wh.judge_window, wh.likelihood_of_chance))
 
 
 def config(nominal: Nominal = WINDY, **choices) -> Config:

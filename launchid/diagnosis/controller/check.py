@@ -15,11 +15,11 @@ import numpy as np
 
 from sim.sections import Multisine
 
-from ...controller_replay import later, lowest
+from ...controller_replay import FORGOTTEN, NEAR_LIMIT, later, lowest
 from ...sums import combined, least_squares, products, square
 from ..data.record import THETA, Record
 from .command import controller_gains, recomputed, without_limit
-from .kind import FEWEST, FILTER, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
+from .kind import FEWEST, FILTER, NONE, ROUNDING, UNKNOWN, ControllerCheck
 
 SAME_RECOMPUTED = 2.0e-3  # relative, of a gain; of the period for a delay: closer is the same
 EXPLAINED = 0.05        # of the rms difference that may be left for a mismatch to be named
@@ -28,7 +28,6 @@ LONGEST_LAG = 6.0       # periods of computing time searched
 LAG_STEP = 0.05         # periods
 ALL_FILTERS = np.geomspace(0.05, 20.0, 60)  # of the derivative's time constant
 WHOLE_LAGS = (0.0, 1.0, 2.0, 3.0)  # periods of computing time tried with each
-FORGOTTEN = 1e-5        # of what filters remember: less is nothing
 COMMENSURATE = 1e-6     # relative, of the controller's period to the log's grid
 
 

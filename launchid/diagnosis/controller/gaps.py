@@ -16,11 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller_replay import lowest
+from ...controller_replay import NEAR_LIMIT, lowest
 from ...sums import combined, least_squares, products
 from ..data.record import THETA, Record
 from .fill import OnBoard, errors_seen, on_board, shifted, test_issued
-from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
+from .kind import FEWEST, NONE, ROUNDING, UNKNOWN, ControllerCheck
 from .ticks import noise_std
 
 SAME_PREDICTED = 0.02  # relative, of a gain and of a time constant: closer is the same

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 GAIN, DELAY, FILTER, UNKNOWN, NONE = "gain", "delay", "filter", "unknown", "none"
 ROUNDING = 2.0e-5       # rad rms: what rounding in a log's digits may make of an exact command
-NEAR_LIMIT = 0.999      # of the deflection limit: beyond it a command says nothing about gains
 FEWEST = 20             # commands, or gaps between them, without which nothing is said
 
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from sim.flight import excitation, packed
 
-from ...controller_replay import later
+from ...controller_replay import NEAR_LIMIT, later
 from ...sums import combined, least_squares, products
 from ..data.record import THETA_DOT, Record
 from .check import EXPLAINED, LAG_STEP, LONGEST_LAG, SAME_RECOMPUTED
-from .kind import FEWEST, NEAR_LIMIT, NONE, ROUNDING, UNKNOWN, ControllerCheck
+from .kind import FEWEST, NONE, ROUNDING, UNKNOWN, ControllerCheck
 
 FINE = 41            # computing times from a step before the best to one behind it
 

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...controller_replay import NEAR_LIMIT
 from ...sums import combined, least_squares
 from ..data.record import THETA, Record
-from .kind import NEAR_LIMIT
 
 SLOWER = 1.01     # of the controller's period: rows that far apart see a new command each
 STAYS = 0.02      # of the rows repeat their command, if ticks are to be told

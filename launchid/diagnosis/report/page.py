@@ -11,6 +11,7 @@ from sim.nominal import rewrite_nominal
 from ...charts.markup import list_of, table, text
 from ...charts.page import page as made_page
 from ...charts.page import picture
+from ...charts.report import NO_FIGURES
 from ...charts.report import drawn as pictures_drawn
 from ...comparison.page import CAPTIONS, pictures_of, summary_table
 from ...comparison.result import Comparison
@@ -20,7 +21,6 @@ from ..verdict import Result
 COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "dominant": "#3b3170", "unexplained": "#8a4b00",
            "bad-data": "#7f1d1d"}
 EXTENSION = ("extension.toml", "extension.vehicle.csv", "extension.uncertainty.csv")
-NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[plots]')."
 PICTURES = {
     "faults.png": ("The log as it is", "Marked: where the data check found fault."),
     "misfit.png": ("Measured against predicted",
