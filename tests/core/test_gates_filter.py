@@ -1,4 +1,4 @@
-"""Every gate, clamp and restart of the filter: the test that fails without it, and what it did is counted."""
+"""Gates, clamps and restarts of the filter, and that what they did is counted."""
 
 import dataclasses
 import math
