@@ -32,25 +32,30 @@ OFFSETS = ("thrust_misalignment", "moment", "attitude_bias", "gyro_bias", "nozzl
 NAN, INF, HUGE = math.nan, math.inf, 1e300
 
 
+Word = tuple[str, int, float]
+
+
 class Flight(NamedTuple):
     """Samples after a reset.
 
-    words  number of a sample -> array of the saved state, place in it and what stands there when the estimator goes on
-           from a checkpoint before this sample; None: a checkpoint as it is
+    words  number of a sample -> words of the saved state (array, place, what stands there) that are others when the
+           estimator goes on from a checkpoint before this sample; none: a checkpoint as it is
     """
 
     samples: list[Sample]
-    words: dict[int, tuple[str, int, float] | None]
+    words: dict[int, list[Word]]
 
 
 def flown(nominal: Nominal, config: Config) -> list[Flight]:
     """The flights of a configuration."""
     rows = config.rows
     plain = _base(nominal, config, max(2 * rows + 2, FEWEST_SAMPLES))
-    half = len(plain) // 2
-    flights = [Flight([*plain[:half], plain[half]._replace(theta=NAN), plain[half], plain[half], *plain[half + 3:]],
-                      {half: None})]
-    return [*flights, _faulty(plain), _changing(nominal, config), _standing(plain, rows), _begun_again(plain, config)]
+    half = min(rows // 2, FEWEST_SAMPLES // 2)
+    first = [*plain[:half], plain[half]._replace(theta=NAN), plain[half], plain[half], *plain[half + 3:]]
+    first = first[:max(rows + 2, FEWEST_SAMPLES)]
+    pieces = rows if config.formulation != "filtered" else min(rows, 60)   # the filter takes one sample like the other
+    return [Flight(first, {half: []}), _faulty(plain), _in_pieces(plain, rows, pieces), _changing(nominal, config),
+            _standing(plain), _still(plain, rows), _begun_again(plain, config)]
 
 
 def _base(nominal: Nominal, config: Config, count: int, *effects: str) -> list[Sample]:
@@ -77,71 +82,111 @@ FAULTS: tuple[tuple[int, Callable[[Sample], list[Sample]]], ...] = (  # number o
     (4, lambda s: [s._replace(theta_dot=INF), s._replace(theta_ddot=-INF), s._replace(beta_cmd=INF), s]),
     (5, lambda s: [s._replace(gamma=INF), s._replace(t=HUGE), s._replace(theta=-HUGE), s._replace(beta=HUGE), s]),
     (6, lambda s: [s._replace(theta_dot=HUGE), s._replace(theta_ddot=HUGE), s._replace(beta_cmd=-HUGE), s]),
-    (7, lambda s: [s._replace(gamma=HUGE), s, s, s._replace(t=s.t - 1.0)]),
+    (7, lambda s: [s._replace(gamma=HUGE), s, s, *(s._replace(t=s.t - back) for back in (1.0, 0.5, 0.7))]),
     (12, lambda s: [s._replace(theta_dot=NAN)]),
     (13, lambda s: [s._replace(beta_cmd=NAN)]),
     (14, lambda s: [s._replace(theta_dot=NAN, beta_cmd=NAN, gamma=NAN)]),
     (20, lambda s: [s._replace(gamma=NAN)]),
     (21, lambda s: [s._replace(gamma=0.01)]),
+    (24, lambda s: [s._replace(gamma=0.02)]),
     (25, lambda s: [s._replace(gamma=NAN)]),
     (40, lambda s: [s._replace(theta=s.theta + 0.3)]),
     *((k, lambda s: [s._replace(theta=s.theta + 0.3, theta_dot=s.theta_dot + 1.0)]) for k in range(55, 62)),
     *((k, lambda s: []) for k in range(70, 73)),
     *((k, lambda s: []) for k in range(90, 130)),
+    (130, lambda s: [s._replace(theta_dot=NAN, gamma=0.01)]),
     (140, lambda s: [s._replace(theta=3.1)]),
     (141, lambda s: [s._replace(theta=-3.1)]),
     (142, lambda s: [s._replace(theta=3.1)]),
+    *((k, lambda s: [s._replace(theta_dot=NAN)]) for k in range(150, 165)),
 )
+LOST = 60              # sample of the faults before which the filter has lost the sensors often
 
 
 def _faulty(plain: list[Sample]) -> Flight:
-    """Faults in the gate, outliers, gaps, a jump across half a turn; then the clock is set back."""
+    """Faults in the gate, outliers, gaps, a jump across half a turn; the clock is set back."""
     faults = dict(FAULTS)
     samples = [each for k, sample in enumerate(plain[:180]) for each in faults.get(k, lambda s: [s])(sample)]
-    return Flight([*samples, *(s._replace(t=s.t - 3.0) for s in plain[180:240])], {})
+    return Flight([*samples, *(s._replace(t=s.t - 3.0) for s in plain[180:240])],
+                  {LOST: [("state.check.number", wh.LOSSES, 9.0)]})
+
+
+def _in_pieces(plain: list[Sample], rows: int, count: int) -> Flight:
+    """Windows that have too few samples, one that comes late, none, single ones, and pieces without a rate."""
+    single = [3 * rows + 2 * k for k in range(count // 2)]
+    pieces, at, length = list[int](), 4 * rows, 0
+    while len(pieces) < 0.7 * count and at < 5 * rows:
+        length = length % 12 + 1
+        pieces += range(at, at + length)
+        at += length + 1
+    places = [*range(20), rows - 1, rows - 0.4, *single, *pieces, 6 * rows]
+    period = plain[1].t - plain[0].t
+    return Flight([s._replace(t=period * k, theta_dot=NAN if k >= 4 * rows else s.theta_dot)
+                   for k, s in zip(places, itertools.cycle(plain), strict=False)], {})
 
 
 def _changing(nominal: Nominal, config: Config) -> Flight:
-    """Most of the control is lost, and then there is wind."""
-    return Flight(_base(nominal, config, 900, "control_loss:fraction=0.5,time=3", "steady_wind:angle=0.02"), {})
+    """Control is lost twice, and there is wind."""
+    samples = _base(nominal, config, 850, "control_loss:fraction=0.5,time=2.5", "control_loss:fraction=0.4,time=6",
+                    "steady_wind:angle=0.02")
+    t = samples[min(280, len(samples) - 1)].t
+    return Flight(samples, {
+        280: [("state.check.flag", wh.CHANGED, 1), ("state.check.number", wh.LAST_CHANGE, t - 5.0)],
+        config.rows - 3: [("state.check.flag", wh.HAS_FAILED, 1), ("state.check.number", wh.LAST_FAILED, 0.0)]})
 
 
-def _standing(plain: list[Sample], rows: int) -> Flight:
+def _standing(plain: list[Sample]) -> Flight:
     """One sensor after the other stands still."""
     samples = []
     for k, s in enumerate(plain):
-        still = plain[max(k - k % 60, 0)]
-        which = k // 60 % 4
+        still, which = plain[k - k % 60], k // 60 % 4
         samples.append(s._replace(**({"theta": still.theta} if which == 1 else {"theta_dot": still.theta_dot}
                                      if which == 2 else {"beta": still.beta} if which == 3 else {})))
     return Flight(samples, {})
 
 
+def _still(plain: list[Sample], rows: int) -> Flight:
+    """At rest: nothing moves, so nothing can be known."""
+    return Flight([Sample(s.t, 0.0, 0.0, 0.0, 0.0, 0.0) for s in [*plain[:rows // 2 + 2], plain[rows]]], {})
+
+
 # ---- words of a checkpoint
 
-WORDS: tuple[tuple[str, int, float], ...] = (
-    ("state.guard", 0, 1), ("state.guard", 1, 1), ("state.counts", rb.HEAD, -1), ("state.counts", rb.ROWS, -1),
-    ("state.counts", rb.CLOSED_ROWS, -1), ("state.counts", rb.CLOSED_BACK, 2), ("state.counts", rb.WAITING, -1),
-    ("state.acc.counts", 0, -1), ("state.acc.counts", 0, 99),
-    ("state.watch.counts", ch.NEXT, -1), ("state.watch.counts", ch.NEXT, 99), ("state.watch.counts", ch.KEPT, -1),
-    ("state.watch.counts", ch.KEPT, 99), ("state.watch.counts", ch.EVENTS, -1),
-    ("state.check.flag", wh.OLDEST, -1), ("state.check.flag", wh.OLDEST, 99), ("state.check.flag", wh.WAITING, -1),
-    ("state.check.flag", wh.WAITING, 99), ("state.undeclared.flag", un.NEWER, -1),
-    ("state.undeclared.flag", un.NEWER, 2), ("state.undeclared.flag", un.AGE, -1),
-    ("state.check.number", wh.STATISTIC, 6000.0), ("state.bank.total", 0, NAN), ("state.bank.total", 2, -1.0),
-    ("state.filter.x", 0, NAN), ("state.filter.p", 0, NAN), ("state.filter.level", 0, 13.0), ("state.filter.level", 0, 5.0),
+WORDS: tuple[tuple[Word, ...], ...] = (
+    (("seals", 24, 1),), (("state.guard", 0, 1),), (("state.guard", 0, 1),), (("state.guard", 1, 1),),
+    *(((name, place, value),) for name, place, values in (
+        ("state.counts", rb.HEAD, (-1, 9999)), ("state.counts", rb.ROWS, (-1, 9999)),
+        ("state.counts", rb.CLOSED_ROWS, (-1, 9999)), ("state.counts", rb.CLOSED_BACK, (-1, 2)),
+        ("state.counts", rb.WAITING, (-1, 9999)), ("state.acc.counts", 0, (-1, 9999)),
+        ("state.watch.counts", ch.NEXT, (-1, 99)), ("state.watch.counts", ch.KEPT, (-1, 99)),
+        ("state.watch.counts", ch.EVENTS, (-1,)), ("state.check.flag", wh.OLDEST, (-1, 99)),
+        ("state.check.flag", wh.WAITING, (-1, 99)), ("state.undeclared.flag", un.NEWER, (-1, 2)),
+        ("state.undeclared.flag", un.AGE, (-1,)), ("state.bank.total", 0, (NAN,)), ("state.bank.total", 2, (-1.0,)),
+        ("state.bank.total", 3, (-1.0,)),
+        ("state.filter.x", 0, (NAN,)), ("state.filter.p", 0, (NAN,)), ("state.filter.level", 0, (13.0, 5.0)),
+        ("state.undeclared.flag", un.DOUBT, (wh.BLOCKS, wh.KEEPS_CHANGING)),
+        ("state.active", 0, (0,)), ("state.active", 1, (0,)), ("state.acc.window", 0, (NAN,)),
+        ("state.gauge.flag", 0, (1,)), ("state.gauge.flag", 1, (1,)),
+        ("state.check.flag", wh.BEYOND_CHANCE, (1,)), ("state.check.number", wh.STATISTIC, (NAN,))) for value in values),
+    (("state.check.number", wh.STATISTIC, 6000.0), ("state.check.flag", wh.WAITING, 24)),
+    (("state.check.sums", 0, 1e9), ("state.check.flag", wh.WAITING, 24)),
+    (("state.active", 0, 0), ("state.active", 1, 0)),
 )
-AFTER = 13             # samples from one to the next: a block, and what it waits for
+AFTER = 14             # samples from one to the next: a block, and a window's end
+BEFORE = 25            # the first
 
 
 def _begun_again(plain: list[Sample], config: Config) -> Flight:
-    """From a checkpoint whose seal fits what stands in it, but for one word."""
+    """From checkpoints whose seals fit what stands in them, but for some words; then a window ends."""
     there = dict(port_of(config).memory.state_arrays())
-    words = [word for word in WORDS if word[0] in there and word[1] < there[word[0]].size]
-    at = {40 + AFTER * k: word for k, word in enumerate(words)}
-    period, count = config.sample_period, 40 + AFTER * (len(words) + 1)
-    begin = plain[0].t
-    return Flight([plain[k % len(plain)]._replace(t=begin + k * period) for k in range(count)], at)
+    sets = [words for words in WORDS if all(name in there and place < there[name].size for name, place, _ in words)]
+    at = {BEFORE + AFTER * k: list(words) for k, words in enumerate(sets)}
+    period, samples, t = config.sample_period, list[Sample](), plain[0].t
+    for k in range(BEFORE + AFTER * len(sets)):
+        t += period * (config.rows if k >= BEFORE and (k - BEFORE) % AFTER == AFTER - 3 else 1)
+        samples.append(plain[k % len(plain)]._replace(t=t))
+    samples[BEFORE + AFTER] = samples[BEFORE + AFTER]._replace(theta=NAN)
+    return Flight(samples, at)
 
 
 # ---- bits
@@ -200,19 +245,18 @@ class _Answers:
     def answer(self, values: Iterable[Any]) -> None:
         self.words += map(word, values)
 
-    def restart(self, number: int, changed: tuple[str, int, float] | None) -> None:
-        """Save, change a word, restore: what `restart` of check.c does."""
-        saved = bytearray(self.estimator.save())
-        self.answer([zlib.crc32(saved[:-4])])
-        at, value = 0, 0
-        if changed is not None:
-            name, place, number_there = changed
-            at, value = self.begin + 8 * (self.place[name] + place), word(number_there)
-            saved[at:at + 8] = value.to_bytes(8, "little")
-            saved[-4:] = zlib.crc32(saved[:-4]).to_bytes(4, "little")
-        self.events.append([number, at, value])
-        self.estimator.reset()
-        self.estimator.restore(bytes(saved))
+    def restart(self, number: int, words: list[Word]) -> None:
+        """Save, change words that are there, restore: what `restart` of check.c does for each."""
+        for name, place, value in [word for word in words if word[0] in self.place] or [("", 0, 0)]:
+            saved = bytearray(self.estimator.save())
+            self.answer([zlib.crc32(saved[:-4])])
+            at = self.begin + 8 * (self.place[name] + place) if name else 0
+            if at:
+                saved[at:at + 8] = word(value).to_bytes(8, "little")
+                saved[-4:] = zlib.crc32(saved[:-4]).to_bytes(4, "little")
+            self.events.append([number, at, word(value)])
+            self.estimator.reset()
+            self.estimator.restore(bytes(saved))
 
     def fly(self, flight: Flight, begin: int) -> None:
         self.estimator.reset()

@@ -225,7 +225,7 @@ int main(void)
             double v[7];
             memcpy(v, vector_sample[sample_number], sizeof v);
             s = (launchid_sample){v[0], v[1], v[2], v[3], v[4], v[5], v[6]};
-            if (restarts < VECTOR_RESTARTS && vector_restart[restarts][0] == (uint64_t)sample_number) {
+            while (restarts < VECTOR_RESTARTS && vector_restart[restarts][0] == (uint64_t)sample_number) {
                 restart(vector_restart[restarts][1], vector_restart[restarts][2]);
                 restarts++;
             }

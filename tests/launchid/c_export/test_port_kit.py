@@ -50,21 +50,21 @@ def test_make_check_says_0_differences(name, tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     said, last = done.stdout.splitlines()
     assert last == "0 differences"
-    windows = re.match(r"\d+ samples, (\d+) windows", said)
-    assert windows is not None and int(windows[1]) >= 1
+    counted = re.match(r"(\d+) samples, (\d+) answers", said)
+    assert counted is not None and int(counted[2]) > int(counted[1]) > 1000
 
 
 @needs_make
 def test_a_wrong_bit_is_a_difference(tmp_path):
     folder = kit(tmp_path, "lpv")
     text = (folder / "vectors.h").read_text(encoding="utf-8")
-    begin = text.index("vector_window")
+    begin = text.index("vector_answer")
     place = text.index("UINT64_C(0x3F", begin) + len("UINT64_C(0x3F")
     wrong = "0" if text[place] != "0" else "1"
     (folder / "vectors.h").write_text(text[:place] + wrong + text[place + 1:], encoding="utf-8")
     done = make(folder, "check", "CFLAGS=-O0")
     assert done.returncode != 0 and done.stdout.splitlines()[-1] == "1 differences"
-    assert "window 0, number" in done.stdout
+    assert re.search(r"sample \d+, answer \d+: ", done.stdout)
 
 
 @needs_make
@@ -72,7 +72,7 @@ def test_the_example_prints_an_estimate_a_window(tmp_path):
     folder = kit(tmp_path, "measured-stls")
     subprocess.run([str(CC), *STRICT, "-O0", "example.c", "launchid.c", "-lm", "-o", "example"], cwd=folder, check=True)
     done = subprocess.run(["./example"], cwd=folder, capture_output=True, text=True, check=True)
-    assert done.stdout.count("a6 ") == 3 and "refused: -1" in done.stdout
+    assert done.stdout.count("a6 ") >= 2 and "refused: -1" in done.stdout
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])

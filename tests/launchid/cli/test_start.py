@@ -143,7 +143,7 @@ def test_the_core_imports_its_own_modules_alone_beside_numba():
 
 
 def test_export_c_compiles_nothing_and_writes_the_bytes_of_the_compiled_estimator(tmp_path):
-    words = ["export-c", "constant", "--window", "1", "--library", "quadratic"]
+    words = ["export-c", "constant", "--window", "1", "--library", "quadratic", "--formulation", "integral"]
     done = python("-m", "sim", *words, "--out", tmp_path / "plain", LAUNCHID_CACHE=str(tmp_path / "cache"),
                   NUMBA_CACHE_DIR="")
     assert done.returncode == 0 and "compiling" not in done.stderr and len(done.stderr.splitlines()) == 1
