@@ -25,7 +25,7 @@ def fly_in_plain_python() -> None:
     formulation = words[words.index("--formulation") + 1:][:1] if "--formulation" in words else ["filtered"]
     if not has_kernels("launchid_core.order.onboard" if formulation == ["filtered"]
                        else "launchid_core.regression.regression"):
-        numba.config.DISABLE_JIT = 1
+        numba.config.DISABLE_JIT = 1  # type: ignore[attr-defined]
 
 
 def command() -> int:

@@ -62,7 +62,9 @@ def fact_of(value: Any) -> Fact:
 def shared(a: Fact, b: Fact) -> Fact:
     """What two calls have in common."""
     if isinstance(a, Among) and isinstance(b, (Among, *NUMBERS)):
-        return among([a, b]) if all(isinstance(each, NUMBERS) for each in a.facts) else a if repr(a) == repr(b) else None
+        if all(isinstance(each, NUMBERS) for each in a.facts):
+            return among([a, b])
+        return a if repr(a) == repr(b) else None
     if isinstance(a, NUMBERS) or isinstance(b, NUMBERS):
         return a if type(a) is type(b) and repr(a) == repr(b) else None
     if a is None or b is None or a is b:

@@ -1,8 +1,8 @@
 """Replay vectors of an export: flights, and what the Python estimator answers to them, as the bits of C arrays.
 
-Together the flights reach what the estimator has: a plain one; one of faults, a row of FAULTS each; one that changes its
-regime; one whose sensors stand still; and one that begins again and again from a checkpoint of which a word is another,
-a row of WORDS each: what takes minutes or an upset memory to come about.
+Together the flights reach what the estimator has: a plain one; one of faults, a row of FAULTS each; one in pieces; two
+that change their regime; sensors that stand still; rest; and one that begins again and again from a checkpoint of which
+words are others, a row of WORDS each: what takes minutes, or an upset memory, to come about.
 """
 
 import itertools
@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status, port_of
-from launchid_core.filter import states as st
+from launchid_core import BANDS, Config, Estimate, Estimator, Sample, Status, port_of
 from launchid_core.filter import whiteness as wh
 from launchid_core.gate import ring as rb
 from launchid_core.watch import changes as ch
@@ -54,8 +53,10 @@ def flown(nominal: Nominal, config: Config) -> list[Flight]:
     first = [*plain[:half], plain[half]._replace(theta=NAN), plain[half], plain[half], *plain[half + 3:]]
     first = first[:max(rows + 2, FEWEST_SAMPLES)]
     pieces = rows if config.formulation != "filtered" else min(rows, 60)   # the filter takes one sample like the other
-    return [Flight(first, {half: []}), _faulty(plain), _in_pieces(plain, rows, pieces), _changing(nominal, config),
-            _standing(plain), _still(plain, rows), _begun_again(plain, config)]
+    return [Flight(first, {half: []}), _faulty(plain), _in_pieces(plain, rows, pieces),
+            _changing(nominal, config, "control_loss:fraction=0.5,time=3"),
+            _changing(nominal, config, "control_loss:fraction=0.5,time=2.5", "steady_wind:angle=0.02"),
+            _standing(plain, rows), _still(plain, rows), _begun_again(plain, config)]
 
 
 def _base(nominal: Nominal, config: Config, count: int, *effects: str) -> list[Sample]:
@@ -125,29 +126,41 @@ def _in_pieces(plain: list[Sample], rows: int, count: int) -> Flight:
                    for k, s in zip(places, itertools.cycle(plain), strict=False)], {})
 
 
-def _changing(nominal: Nominal, config: Config) -> Flight:
-    """Control is lost twice, and there is wind."""
-    samples = _base(nominal, config, 850, "control_loss:fraction=0.5,time=2.5", "control_loss:fraction=0.4,time=6",
-                    "steady_wind:angle=0.02")
+def _changing(nominal: Nominal, config: Config, *effects: str) -> Flight:
+    """A regime that changes; on the way alarms are raised that were not, and what is known is surer than it is."""
+    samples, rows = _base(nominal, config, 700, *effects), config.rows
     t = samples[min(280, len(samples) - 1)].t
-    return Flight(samples, {
-        280: [("state.check.flag", wh.CHANGED, 1), ("state.check.number", wh.LAST_CHANGE, t - 5.0)],
-        config.rows - 3: [("state.check.flag", wh.HAS_FAILED, 1), ("state.check.number", wh.LAST_FAILED, 0.0)]})
+    sure: list[Word] = [("state.bank.covariance", place, 1e-12) for place in (0, 5, 16, 21)]
+    sure += [("state.bank.covariance", place, 0.0) for place in (1, 4, 17, 20)]
+    words: dict[int, list[Word]] = {
+        150: [("state.gauge.flag", 0, 1), ("state.gauge.flag", 2, 1)], 220: [("state.gauge.flag", 1, 1)],
+        rows - 15: sure,
+        rows - 3: [("state.check.flag", wh.HAS_FAILED, 1), ("state.check.number", wh.LAST_FAILED, 0.0)]}
+    if len(effects) > 1:
+        words[280] = [("state.check.flag", wh.CHANGED, 1), ("state.check.number", wh.LAST_CHANGE, t - 5.0),
+                      ("state.undeclared.flag", un.AGE, 1)]
+    return Flight(samples, words)
 
 
-def _standing(plain: list[Sample]) -> Flight:
-    """One sensor after the other stands still."""
-    samples = []
-    for k, s in enumerate(plain):
-        still, which = plain[k - k % 60], k // 60 % 4
+def _standing(plain: list[Sample], rows: int) -> Flight:
+    """A window that knows of one term alone; one in which a sensor after the other stands still."""
+    samples = plain[:rows]
+    for k, s in enumerate(plain[rows:2 * rows + 2]):
+        still, which = plain[rows + k - k % 30], k // 30 % 4
         samples.append(s._replace(**({"theta": still.theta} if which == 1 else {"theta_dot": still.theta_dot}
                                      if which == 2 else {"beta": still.beta} if which == 3 else {})))
-    return Flight(samples, {})
+    return Flight(samples, {rows - 3: [("state.active", 0, 0)], rows: [("state.active", 0, 1)]})
 
 
 def _still(plain: list[Sample], rows: int) -> Flight:
-    """At rest: nothing moves, so nothing can be known."""
-    return Flight([Sample(s.t, 0.0, 0.0, 0.0, 0.0, 0.0) for s in [*plain[:rows // 2 + 2], plain[rows]]], {})
+    """At rest, so that nothing can be known; then motion too small for its squares, and a window that is no number."""
+    half, period = rows // 2 + 2, plain[1].t - plain[0].t
+    samples = [Sample(s.t, 0.0, 0.0, 0.0, 0.0, 0.0) for s in plain[:half]]
+    samples += [s._replace(t=s.t + rows * period, theta=1e-170 * s.theta, theta_dot=1e-170 * s.theta_dot,
+                           beta=1e-170 * s.beta, beta_cmd=1e-170 * s.beta_cmd) for s in plain[:half]]
+    return Flight([*samples, plain[0]._replace(t=2 * rows * period)], {
+        half - 2: [("state.check.number", wh.STATISTIC, 1e9)],
+        2 * half - 2: [("state.acc.window", 0, NAN), ("state.check.number", wh.STATISTIC, NAN)]})
 
 
 # ---- words of a checkpoint
@@ -165,12 +178,12 @@ WORDS: tuple[tuple[Word, ...], ...] = (
         ("state.bank.total", 3, (-1.0,)),
         ("state.filter.x", 0, (NAN,)), ("state.filter.p", 0, (NAN,)), ("state.filter.level", 0, (13.0, 5.0)),
         ("state.undeclared.flag", un.DOUBT, (wh.BLOCKS, wh.KEEPS_CHANGING)),
-        ("state.active", 0, (0,)), ("state.active", 1, (0,)), ("state.acc.window", 0, (NAN,)),
-        ("state.gauge.flag", 0, (1,)), ("state.gauge.flag", 1, (1,)),
-        ("state.check.flag", wh.BEYOND_CHANCE, (1,)), ("state.check.number", wh.STATISTIC, (NAN,))) for value in values),
+        ("state.bank.mean", 0, (NAN,)), ("state.acc.level_information", 0, (NAN, INF)),
+        ("state.undeclared.covariance", 28, (NAN,)),
+        ("state.check.flag", wh.BEYOND_CHANCE, (1,)),
+        ("state.check.number", wh.STATISTIC, (NAN,))) for value in values),
     (("state.check.number", wh.STATISTIC, 6000.0), ("state.check.flag", wh.WAITING, 24)),
     (("state.check.sums", 0, 1e9), ("state.check.flag", wh.WAITING, 24)),
-    (("state.active", 0, 0), ("state.active", 1, 0)),
 )
 AFTER = 14             # samples from one to the next: a block, and a window's end
 BEFORE = 25            # the first
@@ -277,17 +290,18 @@ def header(config: Config, flights: list[Flight]) -> str:
     with np.errstate(all="ignore"):  # in plain Python numpy would warn of what a status says
         for flight, end in zip(flights, ends, strict=True):
             answers.fly(flight, end - len(flight.samples))
+    samples = [[word(float(x)) for x in sample] for flight in flights for sample in flight.samples]
     return "\n".join([
         "/* Samples and what the Python estimator answers to them: bits of doubles, every NaN 7FF8000000000000. */\n",
         "#ifndef LAUNCHID_VECTORS_H\n#define LAUNCHID_VECTORS_H\n\n#include <stdint.h>\n",
         f"#define VECTOR_SAMPLES {ends[-1]}\n#define VECTOR_FIRST {ends[0]}     /* samples of the first flight */",
         f"#define VECTOR_FLIGHTS {len(flights)}\n#define VECTOR_RESTARTS {len(answers.events)}",
         f"#define VECTOR_ANSWERS {len(answers.words)}\n",
-        f"/* the number of samples until each flight's end */\nstatic const int vector_end[] = {{{', '.join(map(str, ends))}}};\n",
-        "/* before a sample: byte of the saved state, 0: none, and the word that stands from there on after the restart */",
+        "/* samples until each flight's end */",
+        f"static const int vector_end[] = {{{', '.join(map(str, ends))}}};\n",
+        "/* before a sample: byte of the saved state, 0: none, and the word that stands there after the restart */",
         _array("vector_restart", answers.events, 3),
-        _array("vector_sample", [[word(float(x)) for x in sample] for flight in flights for sample in flight.samples], 7),
-        _array("vector_answer", [answers.words], 0), "#endif\n"])
+        _array("vector_sample", samples, 7), _array("vector_answer", [answers.words], 0), "#endif\n"])
 
 
 def _array(name: str, rows: list[list[int]], width: int) -> str:

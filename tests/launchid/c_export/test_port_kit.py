@@ -1,5 +1,6 @@
 """The kit of an export: vectors and their checker, here and on emulated targets; stack and loops."""
 
+import dataclasses
 import re
 import shutil
 import subprocess
@@ -7,13 +8,26 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from ported import CC, CONFIGS, STRICT, as_text, flight, hostile, needs_compiler, some, written
+from ported import (
+    CC,
+    CERTIFIED,
+    CONFIGS,
+    ROUGH,
+    STRICT,
+    UNSURE,
+    as_text,
+    flight,
+    hostile,
+    needs_compiler,
+    some,
+    written,
+)
 
 from benchmarks.port_stack import Graph, graph_of
 from launchid.c_export.kit import exported
 from launchid.c_export.program import STACK_LIMIT
-from launchid.c_export.vectors import flown
-from sim.nominal import load_nominal
+from launchid.c_export.vectors import flown as vectors_of
+from sim.nominal import Nominal, load_nominal
 
 HARD_M7 = ["-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard"]
 HARD_M4 = ["-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"]
@@ -26,7 +40,7 @@ needs_target = pytest.mark.skipif(shutil.which(CROSS) is None or shutil.which("q
 @cache
 def files(name: str) -> dict[str, str]:
     nominal = load_nominal("vega_like" if "vega" in name else "constant")
-    return exported(CONFIGS[name], flown(nominal, CONFIGS[name]))
+    return exported(CONFIGS[name], vectors_of(nominal, CONFIGS[name]))
 
 
 def kit(folder: Path, name: str) -> Path:
@@ -65,6 +79,38 @@ def test_a_wrong_bit_is_a_difference(tmp_path):
     done = make(folder, "check", "CFLAGS=-O0")
     assert done.returncode != 0 and done.stdout.splitlines()[-1] == "1 differences"
     assert re.search(r"sample \d+, answer \d+: ", done.stdout)
+
+
+# ---- what the vectors reach
+
+LINES, BRANCHES = 0.97, 0.90       # shares of launchid.c
+SUMMARY = re.compile(r"File 'launchid.c'\nLines executed:([\d.]+)% of \d+\n.*\nTaken at least once:([\d.]+)% of \d+")
+FUNCTION = re.compile(r"Function '(\w+)'\nLines executed:([\d.]+)%")
+
+
+def nominal_of(name: str) -> Nominal:
+    """The nominal whose flights are the vectors of a certified configuration."""
+    nominal = load_nominal("vega_like" if name == "vega_like" else "constant")
+    assert nominal.actuator is not None
+    parts = ROUGH if name == "wind" else {"actuator": dataclasses.replace(nominal.actuator, **UNSURE)}
+    return dataclasses.replace(nominal, **parts) if name in ("wind", "servo") else nominal
+
+
+@pytest.mark.skipif(any(shutil.which(tool) is None for tool in ("gcc", "gcov", "make")), reason="no gcc or gcov here")
+@pytest.mark.parametrize("name", some("integral", of=CERTIFIED))
+def test_the_vectors_reach_all_but_what_the_readme_names(name, tmp_path):
+    config = CERTIFIED[name]
+    for file, text in exported(config, vectors_of(nominal_of(name), config)).items():
+        (tmp_path / file).write_text(text, encoding="utf-8")
+    done = make(tmp_path, "coverage")
+    assert done.returncode == 0 and "0 differences" in done.stdout
+    summary = SUMMARY.search(done.stdout)
+    assert summary is not None
+    assert float(summary[1]) > 100.0 * LINES and float(summary[2]) > 100.0 * BRANCHES
+    found = FUNCTION.findall((tmp_path / "coverage.txt").read_text(encoding="utf-8"))
+    assert len(found) > 100
+    named = set(re.findall(r"`(\w+)`", (tmp_path / "README.md").read_text(encoding="utf-8").split("## What the")[1]))
+    assert {name for name, share in found if float(share) == 0.0} <= named
 
 
 @needs_make

@@ -1,6 +1,5 @@
 """Frames for cFS, F Prime and Simulink: each compiles against stubs of its interface, runs, and passes on the bits."""
 
-import re
 import shutil
 import subprocess
 from functools import cache
