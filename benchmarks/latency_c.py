@@ -43,7 +43,7 @@ def exported(config: Config, samples: list[Sample], repeats: int, *how: str) -> 
         subprocess.run([CC, "-std=c99", *FAST, "-ffp-contract=off", "-I.", str(HERE / "port.c"), "launchid.c", "-lm",
                         "-o", "bench"], cwd=folder, check=True)
         said = subprocess.run(["./bench", str(repeats), *how], cwd=folder, text=True, capture_output=True, check=True,
-                              input=as_lines(np.array(samples)[:, :6])).stdout.split()
+                              input=as_lines(np.array(samples))).stdout.split()
     return np.array(said[1:], float)
 
 

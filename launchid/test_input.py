@@ -29,7 +29,6 @@ MAX_HARMONICS = 12
 PROBE = 0.004           # rad, of one harmonic while its information is measured
 DESIGN_PASSES = 60
 SMALLEST_SHARE = 0.02   # of the power: harmonics below it are dropped
-BISECTIONS = 14         # the amplitude to 1 in 16,000
 SEED = 0
 
 
@@ -134,7 +133,7 @@ def plan(nominal: Nominal, accuracy: float, window: float) -> Plan:
         raise InputError(f"{nominal.path}: accuracy {accuracy:g} in {window:g} s windows is out of reach: at the "
                          f"deflection limit of {nominal.actuator.deflection_limit:g} rad it is {after:.3g} "
                          f"(without input {before:.3g})")
-    for _ in range(BISECTIONS):
+    for _ in range(14):  # the amplitude to 1 in 16,000
         scale = 0.5 * (low + high)
         value = reached(nominal, frequency, scale * shape, window, len(base))
         if value <= accuracy:

@@ -34,7 +34,7 @@ _LONG_EXPONENT = re.compile(r"[eE][+-]?\d{5}")  # these
 
 
 def number(text: str) -> float | None:
-    """A cell as a number, NaN: not measured; None if it is none."""
+    """Return a cell's number; NaN: not measured; None: no number."""
     text = text.strip()
     if _NOT_MEASURED.match(text):
         return math.nan

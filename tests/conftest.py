@@ -5,6 +5,7 @@ passed (un-jitted, with bounds checks); `long` by hand.
 """
 
 import gc
+import math
 import os
 import signal
 import subprocess
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from launchid.cli.terminal import Progress
 from launchid.log.log import MEASURED
 from launchid_core.cache import kept_apart
 
@@ -24,6 +26,7 @@ settings.register_profile("few", max_examples=10, deadline=None, derandomize=Tru
 settings.register_profile("long", max_examples=2000, deadline=None, suppress_health_check=_quiet)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "dev"))
 
+Progress.LINE = math.inf  # s: no line of progress appears in a file because a machine is slow; processes get --quiet
 
 # tests of one room use helpers of another's: every folder of tests is importable, whichever file is run alone
 sys.path += sorted({str(path.parent) for path in Path(__file__).parent.rglob("test_*.py")})

@@ -139,7 +139,7 @@ def correct(x, p, s, dp, channel, partner, z, r, information, score):
 
 @kernel
 def start_window(world, row, x, p, s, dp):
-    """The sensitivities afresh and, of a window that knows nothing of the data before it, the filter too."""
+    """Reset s; where a window knows nothing of earlier data, also p, dp and the world's states."""
     s[:, :] = 0.0
     for i in range(N_STATES):
         s[i, i] = 1.0

@@ -41,8 +41,8 @@ def generator_slope(which, frequency, damping, term, out):
 
 @kernel
 def transition(a6, k1, frequency, damping, h, f, slopes):
-    """exp(A h) of the augmented system and its derivatives: of a part of h, squared up (Moler and Van Loan 2003, method
-    3).  f (6, 6), slopes (p, 6, 6) out, of the first p of a6, k1, frequency, damping."""
+    """Compute f = exp(A h) (6, 6), its derivatives slopes (p, 6, 6) by scaling and squaring (Moler and Van Loan 2003,
+    method 3), for the first p of a6, k1, frequency, damping."""
     n = N_AUGMENTED
     a = np.zeros((n, n))
     a[0, 1] = 1.0

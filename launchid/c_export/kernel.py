@@ -57,7 +57,7 @@ def comment_of(about: str | None) -> str:
 
 
 def _without_unused(lines: list[str], pure: set[str]) -> list[str]:
-    """The lines without variables that only gave what is known before flight."""
+    """Drop declarations of variables that nothing reads, all calls in which are `pure`."""
     kept: list[str] = []
     read: set[str] = set()
     for line in reversed(lines):

@@ -21,7 +21,7 @@ from .unit import Key, Unit
 TEMPLATES = Path(__file__).parent / "template"
 NUMBERS_A_LINE = 6
 BYTES_A_LINE = 20
-STACK_LIMIT = 2048     # bytes of the deepest call at -O2; tests/test_port_kit.py computes it
+STACK_LIMIT = 2048     # bytes of the deepest call at -O2; tests/launchid/c_export/test_port_kit.py computes it
 OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|STATES|GUARD)_([A-Z0-9_]+)\b")
 FIXED, STATE, WORK = "fixed", "state", "work"
 GUARD = f"{STATE}.guard"

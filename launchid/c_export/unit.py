@@ -157,7 +157,7 @@ def _tree(module: str) -> ast.Module:
 
 @cache
 def defined_in(module: str, name: str) -> str:
-    """The module that assigns a name which this one uses, through its imports."""
+    """Return the module that defines `name`, following relative imports."""
     for node in _tree(module).body:
         if isinstance(node, ast.ImportFrom) and node.level > 0:
             for alias in node.names:

@@ -184,6 +184,7 @@ WORDS: tuple[tuple[Word, ...], ...] = (
         ("state.check.number", wh.STATISTIC, (NAN,))) for value in values),
     (("state.check.number", wh.STATISTIC, 6000.0), ("state.check.flag", wh.WAITING, 24)),
     (("state.check.sums", 0, 1e9), ("state.check.flag", wh.WAITING, 24)),
+    (("state.filter.level", 5, -2.0), ("state.filter.level", 6, -2.0), ("state.gust.number", 0, 0.9999)),
 )
 AFTER = 14             # samples from one to the next: a block, and a window's end
 BEFORE = 25            # the first

@@ -16,7 +16,8 @@ function panelOptions(of, width, height) {
   const x = {size: 30, values: (u, ticks) => ticks.map(v => v === null ? "" : shortest(v - origin())),
     label: of.x ? () => origin() ? of.x.replace(" [", " \u2212 " + origin() + " [") : of.x : undefined};
   return {
-    title: of.title, width, height, series: [{label: of.abscissa, value: (u, v) => shortest(v, 13)}, ...of.series],
+    title: of.title, width, height, series: [{label: of.abscissa, value: (u, v) => v === null ? "" : shortest(v, 13)},
+      ...of.series],
     cursor: {sync: {key: of.sync, setSeries: false, scales: ["x", null]}, drag: {x: true, y: !follows, uni: 30, dist: 4},
       points: {size: 6}},
     scales: {
@@ -26,10 +27,12 @@ function panelOptions(of, width, height) {
       y: {distr: of.log && of.log[1] ? 3 : 1, range: (u, low, high) => follows ? of.ylim(u.shown) :
         !u.zoomed || low === null ? of.ylim : of.log && of.log[1] ? [low, high] : uPlot.rangeNum(low, high, 0.08, true)}},
     axes: [axis(x), axis({size: 62})],
-    legend: {markers: {width: 2}},
-    hooks: {drawAxes: [u => inside(u, of.under)], draw: [u => inside(u, of.over)]},
+    legend: {markers: {width: 2, dash: (u, k) => isDashed(u, k) ? "dashed" : "solid",   // told apart in grey, too
+      fill: (u, k) => k && !isDashed(u, k) ? u.series[k].stroke(u, k) : null}},
+    hooks: {setLegend: [u => u.root.classList.toggle("read", u.legend.idx !== null)], drawAxes: [u => inside(u, of.under)], draw: [u => inside(u, of.over)]},
   };
 }
+function isDashed(u, k) { return Boolean(u.series[k].dash && u.series[k].dash.length); }
 function limits(of) { return typeof of === "function" ? of() : of; }
 function shortest(v, digits) { return v === null || v === undefined ? "\u2212" :
   String(Number(v.toPrecision(digits || 5))).replace(/-/g, "\u2212"); }
@@ -57,12 +60,13 @@ function drawFigure(root, figure) {
     const [x, y] = [of.series.map(s => figure.arrays[s.x]), of.series.map(s => figure.arrays[s.y])];
     const data = x.length ? uPlot.join(x.map((each, k) => [each, y[k]])) : [[...of.xlim]];
     const series = of.series.map(s => ({label: s.label, stroke: s.color, width: s.width, dash: s.dash,
-      points: {show: s.size > 0, size: s.size, stroke: s.color, fill: s.color}, value: (u, v) => shortest(v),
+      points: {show: s.size > 0, size: s.size, stroke: s.color, fill: s.color}, value: (u, v) => v === null || v === undefined ? "" : shortest(v),
       ...(s.width ? {} : {paths: () => null})}));
     const options = panelOptions({...of, series, sync: root.id + of.group, under: (g, u, on) => spans(g, on, of.marks),
       over: (g, u, on) => words(g, on, of.marks)}, place.clientWidth, of.height);
     const plot = new uPlot(options, data, place);
-    plot.root.querySelectorAll(".u-series").forEach((row, k) => { row.hidden = k > 0 && !of.series[k - 1].label; });
+    plot.root.querySelectorAll(".u-series").forEach((row, k) => { row.hidden = k > 0 && (
+      !of.series[k - 1].label || of.series.findIndex(s => s.label === of.series[k - 1].label) < k - 1); });
     return [place, plot, of.height];
   });
   window.addEventListener("resize", () => plots.forEach(([place, plot, height]) =>

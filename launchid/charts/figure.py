@@ -47,7 +47,7 @@ def figure_json(figure: Figure) -> Json | None:
         return None
     arrays, styles = Arrays(), {_style(line): str(line.get_label()) for axis in axes for line in axis.lines
                                 if not str(line.get_label()).startswith("_")}
-    panels = [_panel(axis, axes, arrays, styles) for axis in axes]
+    panels = [_panel(axis, axes, arrays, styles) for axis in axes if axis.lines]
     return {"columns": max(each["column"] + each["columns"] for each in panels), "arrays": arrays.lists,
             "panels": panels}
 

@@ -22,7 +22,7 @@ def warn(result: "Answer") -> None:
 
 
 def tell(result: "Answer", json_path: str | None, plot_path: str | None = None) -> None:
-    """An answer where it is wanted: warnings, figure, JSON, and the summary unless stdout is the JSON's."""
+    """Print and write an answer: warnings, figure, JSON, and the summary unless stdout is the JSON's."""
     warn(result)
     if plot_path:
         result.plot(plot_path)
@@ -55,7 +55,7 @@ def at_least(name: str, value: int, low: int) -> None:
 
 
 def read_noting(path: str, *required: str, map_path: str | None = None) -> "Log":
-    """Read a log, of another format with the map `of`, and say which columns were ignored."""
+    """Read a log, of another format with the map at `map_path`, and say which columns were ignored."""
     from ..log.log import REQUIRED, read_log
     report(f"reading {path}")
     if map_path:

@@ -107,7 +107,7 @@ def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
 
 
 def add_choices(sub: argparse.ArgumentParser, library: str = "%(default)s") -> None:
-    """Add the options of an estimator that neither a log nor a nominal decides; `library`: what its default is."""
+    """Add the estimator's options; `library` is the default of --library as its help names it."""
     sub.add_argument("--compression", type=int, metavar="N",
                      help="use one of N rows of a window, drawn at random (default %(default)s: all)")
     sub.add_argument("--library", metavar="NAME|TERMS",

@@ -114,7 +114,7 @@ def clear_progress() -> None:
 
 
 class Closed(io.TextIOBase):
-    """A stdout that is not there: only who writes to it fails."""
+    """A stand-in for a closed stdout: writing raises OSError."""
 
     def write(self, text: str) -> int:
         raise OSError(errno.EBADF, "it is closed")

@@ -144,10 +144,10 @@ class Diagnosed(Answer):
     def write_report(self, folder: str | Path) -> None:
         """report.html, verdict.json, extension.toml and the figures."""
         from ..diagnosis.report.page import write_report
-        write_report(self.diagnosis, self.report, folder, self._beside())
+        write_report(self.diagnosis, self.report, folder, self._comparison())
 
-    def _beside(self) -> Comparison | None:
-        """The log beside the nominal and its extension; None where they cannot be compared."""
+    def _comparison(self) -> Comparison | None:
+        """Compare the log with the nominal and its extension; None if that is impossible."""
         from sim.errors import InputError
 
         from ..progress import report

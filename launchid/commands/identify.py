@@ -180,12 +180,12 @@ class Identification(Answer):
 
     def margins(self) -> FlightMargins:
         """The stability margins of the loop as identified, with the nominal's controller."""
-        from .margins import margins_of
+        from .margins import of_identified
         c, is_tracked = self.config, any("tracked" in window for window in self.report["windows"])
         if self.nominal is None or c.formulation != "filtered" or c.terms != ("theta", "beta"):
             raise UsageError("margins: expected what the formulation `filtered` identified with a nominal, library "
                              "rigid-body")
-        return margins_of(self.log, self.nominal, c, self.estimates, self.changes, is_tracked)
+        return of_identified(self.log, self.nominal, c, self.estimates, self.changes, is_tracked)
 
     def to_control(self, t: float | None = None) -> ControlPlant:
         """The airframe as identified in the window that holds t [s], None: in the last valid one, as python-control's

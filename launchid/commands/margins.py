@@ -68,11 +68,18 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = WINDOW, t
     tracked : bool
         Also those of the tracked estimate at each window's end.
     strict : bool
-        What the data check finds is an InputError.
+        Raise InputError where the data check finds a fault.
 
     Returns
     -------
     FlightMargins
+        Per window: low and high gain [dB], phase [deg], delay [ms], each with its 95 % interval; why where there is
+        none.
+
+    Raises
+    ------
+    InputError
+        A nominal without [actuator] or [controller], or a loop that is not modelled.
     """
     from ..identification.run import identified
     from ..identification.windows import log_config, servo_note
@@ -80,18 +87,19 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = WINDOW, t
     from ..robustness.flight_margins import declared_servo
     from ..sources import load_nominal, read_log
     nominal = load_nominal(nominal)
-    declared_servo(nominal)
-    seen = checked(read_log(log), nominal, strict=strict)
-    config = log_config(seen.log, nominal, str(window), "filtered", True, seen.bridged, library="rigid-body")
-    said = (*seen.warnings, *servo_note(seen.log, nominal, config))
-    result = identified(config, seen)
-    return margins_of(seen.log, nominal, result.config, result.judged.estimates, result.estimator.changes(), tracked,
-                      said)
+    declared_servo(nominal)  # InputError for a loop without this model, before the log is checked
+    checked_log = checked(read_log(log), nominal, strict=strict)
+    log = checked_log.log
+    config = log_config(log, nominal, str(window), "filtered", True, checked_log.bridged, library="rigid-body")
+    warnings = (*checked_log.warnings, *servo_note(log, nominal, config))
+    result = identified(config, checked_log)
+    return of_identified(log, nominal, result.config, result.judged.estimates, result.estimator.changes(), tracked,
+                         warnings)
 
 
-def margins_of(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate], changes: Sequence[Change],
-               tracked: bool, said: tuple[str, ...] = ()) -> FlightMargins:
-    """Return the margins of what was identified."""
+def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate],
+                  changes: Sequence[Change], tracked: bool, warnings: tuple[str, ...] = ()) -> FlightMargins:
+    """Return the margins of an identification's windows."""
     from ..identification.windows import next_step, why
     from ..robustness import flight_margins as fm
     flown = fm.loop_that_flew(log, nominal, estimates)
@@ -100,10 +108,10 @@ def margins_of(log: Log, nominal: Nominal, config: Config, estimates: Sequence[E
     report = fm.report(windows, servo, nominal.margins, tracked, flown)
     if not any(window["valid"] for window in report["windows"]):
         report["why"] = why(report["windows"]).replace("is valid", "has margins")
-    of_others = [{"status": e.status.name} for k, e in enumerate(estimates) if k not in flown.refused]
-    if config.model is not None and (asked := next_step(of_others, config.model)):
-        report["next"] = asked
-    return FlightMargins(log, nominal, config, windows, servo, report, said)
+    tested = [{"status": e.status.name} for k, e in enumerate(estimates) if k not in flown.refused]
+    if config.model is not None and (advice := next_step(tested, config.model)):
+        report["next"] = advice
+    return FlightMargins(log, nominal, config, windows, servo, report, warnings)
 
 
 @dataclass(frozen=True, eq=False)

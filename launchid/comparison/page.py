@@ -11,7 +11,7 @@ from .result import BIASED, UNITS, Comparison
 
 CAPTIONS = {  # file: heading, and how to read it
     "comparison.png": ("Measured and simulated",
-        "Wide grey: measured. Each nominal has its colour and dash, named above the panel with its fit and Theil's "
+        "Wide grey: measured. Each nominal has its colour and dash, named with its fit and Theil's "
         "coefficient (TIC). Left: the nominal flies the log's reference with its own controller, without noise. Right: "
         "what the prediction 1 s ahead leaves, from the state as the nominal's filter knows it, on the logged "
         "commands."),

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 UNITS = {"theta": "rad", "theta_dot": "rad/s", "theta_ddot": "rad/s^2", "beta": "rad", "beta_cmd": "rad"}
 DECIBEL = 20.0 / math.log(10.0)   # of a relative change
 INTERVAL = 1.96                   # standard deviations: 95 %
-REGION = 5.991                    # 95 % of chi-squared with two degrees of freedom
 SHOWN = {"fit": ".2f", "noise_fit": ".2f", "rms": ".3g", "largest": ".3g", "tic": ".4f", "bias": ".2f",
          "variance": ".2f", "covariance": ".2f"}
 BIASED = "in closed loop it is drawn towards the controller's inverse, the more the lower the coherence"
@@ -145,7 +144,8 @@ def masked(log: Log, data: DataCheck) -> Log:
 def within(response: Response) -> np.ndarray:
     """Return where the nominal is inside the 95 % region of the measured gain and phase, which together have two
     degrees of freedom."""
-    return np.asarray(np.abs(np.log(response.gain / response.nominal))**2 <= REGION * response.std**2)
+    region = 5.991  # 95 % of chi-squared with two degrees of freedom
+    return np.asarray(np.abs(np.log(response.gain / response.nominal))**2 <= region * response.std**2)
 
 
 # ---- the JSON

@@ -28,11 +28,11 @@ ONLY_OF = {"weights": "sum", "order": "quaternion", "axis": "quaternion", "refer
 
 @dataclass(frozen=True)
 class Source:
-    """The source of one column of the log.
+    """The source of one column: a weighted sum of channels, or the angle of a quaternion about one axis.
 
-    channels   of the sum, each with its weight; of a quaternion its four, w first
-    axis       of a quaternion: 0, 1, 2; None: a sum.  reference: w, x, y, z that is attitude 0; None: the first row
-    scale, offset  (scale*raw + offset) is the value in `factor` of the column's SI unit
+    channels   of the sum, or the quaternion's four, w first;  weights  of the sum
+    axis       0, 1, 2 of the quaternion; None: a sum.  reference: w, x, y, z of attitude 0; None: the first row's
+    scale, offset  value = scale*raw + offset, in `factor` of the column's SI unit
     take       the nearest row, the last one (held), or linear between two
     time       the channel of its stamps; None: the map's, in its own group
     within     [s] farthest row that counts; None: see `columns`

@@ -16,7 +16,6 @@ ULOG_HEADER = 16
 ULOG_DEFINITIONS = tuple(bytes([kind]) for kind in b"BFIMPQ")
 ULOG_DATA = tuple(bytes([kind]) for kind in b"ARDLCSO")
 ULOG_LONGEST = 1 << 16    # bytes of a message, whose length has two
-NANOSECONDS = "log_time"  # of a message, as an MCAP file stamps it
 MOST_FIELDS = 10_000      # numbers of a message: a hundred times of what one has
 LARGEST_CHUNK = 1 << 30   # bytes of an MCAP chunk, unpacked: recorders write megabytes
 DATAFLASH_HEADER = 3      # bytes before a message
@@ -190,7 +189,7 @@ class _Topic:
         self.others: set[str] = set()
 
     def add(self, message: Any, log_time: int) -> None:
-        for name, value in [*_fields("", message), (NANOSECONDS, log_time)]:
+        for name, value in [*_fields("", message), ("log_time", log_time)]:
             if self.wanted is None or self.prefix + name in self.wanted:
                 rows, values = self.fields.setdefault(name, ([], []))
                 rows.append(self.rows)

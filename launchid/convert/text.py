@@ -30,7 +30,6 @@ POINTS = (".", ",")
 COMMENT = "#%"        # before a header, as numpy.savetxt and MATLAB write it
 EPOCH = datetime(1970, 1, 1)
 LONG_NAMES = 64          # channels, at most, of a table that has one value a row
-MICROSECOND = 1000    # ns, the resolution of a date in text
 PLAIN = re.compile(r"-?[0-9]+(\.[0-9]+)?(e-?[0-9]{1,3})?").fullmatch
 NO_DATE = int(np.iinfo(np.int64).min)   # numpy's NaT
 
@@ -333,7 +332,7 @@ def _date(cell: str, form: str | None) -> int | None:
     except (ValueError, OverflowError):
         return None
     since = date - EPOCH
-    stamp = ((since.days * 86400 + since.seconds) * 10**6 + since.microseconds) * MICROSECOND
+    stamp = ((since.days * 86400 + since.seconds) * 10**6 + since.microseconds) * 1000  # us to ns
     return stamp if abs(stamp) < -NO_DATE else None
 
 

@@ -61,7 +61,7 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What the log room says of a log: faults, the track (None: too little is left), commands' check, rows used."""
+    """The checked log: faults, track (None: too few rows left), check of the commands, rows used."""
 
     log: Log
     data: DataCheck

@@ -8,7 +8,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from sim.effects import Changes
 from sim.effects.actuator import PLAY, WASHOUT, slowed
@@ -17,6 +16,7 @@ from sim.effects.plant import parameters
 from sim.flight import packed
 from sim.nominal import Nominal
 from sim.sections import Actuator
+from sim.vehicle.kernels import kernel
 
 from ..weakform.rows import column
 from .adapter import Track
@@ -125,7 +125,7 @@ def forcing(known: Believed, track: Track, terms: dict[str, float],
     return force, known.a6 * wind, shift
 
 
-@njit(cache=True)
+@kernel
 def _path(attack, beta, z_alpha, z_beta, h):
     """The flight path (n,) [rad]: gamma' = z_alpha (attack - gamma) + z_beta beta, over each step its middle."""
     out, gamma = np.empty(len(h)), 0.0
@@ -136,7 +136,7 @@ def _path(attack, beta, z_alpha, z_beta, h):
     return out
 
 
-@njit(cache=True)
+@kernel
 def _two_pole(x, b0, b1, b2, a1, a2, y):
     x1 = x2 = y1 = y2 = 0.0
     for i in range(len(x)):

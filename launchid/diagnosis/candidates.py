@@ -207,34 +207,45 @@ def after(m: Model, time: float) -> np.ndarray:
     return np.clip((m.t[1:] - time) / m.dt, 0.0, 1.0)
 
 
-def _pulse(m: Model, time: float, duration: float) -> np.ndarray:
+def _middles(m: Model) -> np.ndarray:
+    """Times (n,) [s] of the middles of the rows' intervals, from the log's own."""
+    return m.t[:-1] + 0.5 * m.dt - m.centre
+
+
+def _tau(m: Model) -> np.ndarray:
+    """Time (n,) from -1 to 1 over the log."""
+    return np.linspace(-1.0, 1.0, m.n)
+
+
+def _hats(m: Model, count: int) -> np.ndarray:
+    """(n, count) lines from 1 at one of so many times along the log to 0 at its neighbours."""
+    nodes = np.linspace(-1.0, 1.0, count)
+    return np.clip(1.0 - np.abs(_tau(m)[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
+
+
+def _tone(m: Model, x: np.ndarray | float, phase: np.ndarray) -> list[Column]:
+    """The moment x (n,) [rad/s^2] times sine and cosine of a phase (n,) [rad]."""
+    return [Column(x * np.sin(phase)), Column(x * np.cos(phase))]
+
+
+def _shift(m: Model, channel: int, x: np.ndarray) -> list[Column]:
+    shift = np.zeros((m.n, 3))
+    shift[:, channel] = x
+    return [Column(shift=shift)]
+
+
+def _gust(m: Model, time: float, duration: float) -> list[Column]:
     phase = (m.t[:-1] + 0.5 * m.dt - time) / max(duration, 1e-3)
-    return np.where((phase > 0.0) & (phase < 1.0), 0.5 - 0.5 * np.cos(2.0 * np.pi * phase), 0.0)
+    pulse = np.where((phase > 0.0) & (phase < 1.0), 0.5 - 0.5 * np.cos(2.0 * np.pi * phase), 0.0)
+    return [Column(m.a6 * pulse)]
 
 
-def _gust(m: Model, time: float, duration: float):
-    return [Column(m.a6 * _pulse(m, time, duration))]
-
-
-def _step(m: Model, time: float):
-    return [Column(after(m, time))]
-
-
-def _loss(m: Model, time: float):
-    return [Column(-m.k1 * m.motion[:, 2] * after(m, time))]
-
-
-def _line(m: Model, frequency: float):
-    t = m.t[:-1] + 0.5 * m.dt - m.centre
-    return [Column(np.sin(frequency * t)), Column(np.cos(frequency * t))]
-
-
-def _slosh(m: Model, frequency: float, damping: float):
+def _slosh(m: Model, frequency: float, damping: float) -> list[Column]:
     psi = mode(m.motion[:, 0], frequency, damping, m.track.period, (-1.0, 0.0, 0.0))
     return [Column(frequency**2 * np.append(0.5 * (psi[1:] + psi[:-1]), psi[-1]))]
 
 
-def _bending(m: Model, frequency: float, damping: float):
+def _bending(m: Model, frequency: float, damping: float) -> list[Column]:
     b, w = m.motion[:, 2], frequency
     shift = np.zeros((m.n, 3))
     shift[:, 0] = mode(b, w, damping, m.track.period, (0.0, 0.0, w * w))
@@ -242,9 +253,24 @@ def _bending(m: Model, frequency: float, damping: float):
     return [Column(shift=shift)]
 
 
-def _drift(m: Model):
-    theta, b = m.motion[:, 0], m.motion[:, 2]
-    return [Column(-m.a6 * np.append(0.0, np.cumsum(x[:-1] * m.dt[:-1]))) for x in (theta, b)]
+def _drift(m: Model) -> list[Column]:
+    return [Column(-m.a6 * np.append(0.0, np.cumsum(x[:-1] * m.dt[:-1]))) for x in (m.motion[:, 0], m.motion[:, 2])]
+
+
+def _limited(m: Model, play: float, rate: float) -> list[Column]:
+    """What a play or a rate limit makes of the command, less the command."""
+    u = m.base_input.ravel()
+    out = np.empty(len(u))
+    ekf.nozzle_input(u, m.widths, m.base_constants, 0.0, 0.0, play, rate, out)
+    return [Column(command=(out - u).reshape(m.n, -1).mean(axis=1))]
+
+
+def _beat(m: Model, frequency: float) -> list[Column]:
+    """A tone whose amplitude and phase change over a seventh of the log."""
+    return [column for hat in _hats(m, 8).T for column in _tone(m, hat, frequency * _middles(m))]
+
+
+# ---- where they are looked for
 
 
 def _modes(m: Model, span: tuple[float, float]) -> list[tuple[float, ...]]:
@@ -261,6 +287,13 @@ def _pulses(m: Model) -> list[tuple[float, ...]]:
     first, last = float(m.t[0]), float(m.t[-2])
     return [(float(x), d) for d in GUSTS if d < (last - first) / 3.0
             for x in np.arange(first + 0.02 * (last - first), last - d, 0.4 * d)]
+
+
+def _windows(m: Model) -> list[tuple[float, ...]]:
+    first, last = float(m.t[0]), float(m.t[-2])
+    if last - first < 10.0:
+        return []
+    return [(float(x), d) for d in (0.8, 1.6) for x in np.arange(first, last - d, 0.5 * d)]
 
 
 def lines_in(m: Model, e: np.ndarray, channel: int) -> list[tuple[float, ...]]:
@@ -281,151 +314,13 @@ def lines_in(m: Model, e: np.ndarray, channel: int) -> list[tuple[float, ...]]:
     return out
 
 
-def _input_moves(m: Model) -> bool:
-    return bool(np.any(m.k1 != 0.0)) and m.scales.beta > 1e-9
-
-
-def _input_column(m: Model, play: float, rate: float) -> list[Column]:
-    """What a play or a rate limit makes of the command, less the command."""
-    u = m.base_input.ravel()
-    out = np.empty(len(u))
-    ekf.nozzle_input(u, m.widths, m.base_constants, 0.0, 0.0, play, rate, out)
-    return [Column(command=(out - u).reshape(m.n, -1).mean(axis=1))]
-
-
-def _backlash(m: Model, half_width: float):
-    return _input_column(m, half_width, 0.0)
-
-
-def _rate_limit(m: Model, rate: float):
-    return _input_column(m, 0.0, rate)
-
-
 def _rates(m: Model) -> list[tuple[float, ...]]:
     fastest = float(np.quantile(np.abs(np.diff(m.track.commands)) / np.diff(m.track.ticks)[:-1], 0.999))
     return [(x * fastest,) for x in RATES] if fastest > 0.0 else []
 
 
-# ---- shapes that are in no list: what they explain is not named
-
-
-def _shift(m: Model, channel: int, x: np.ndarray) -> list[Column]:
-    shift = np.zeros((m.n, 3))
-    shift[:, channel] = x
-    return [Column(shift=shift)]
-
-
-def _tau(m: Model) -> np.ndarray:
-    """Time (n,) from -1 to 1 over the log."""
-    return np.linspace(-1.0, 1.0, m.n)
-
-
-def _command(m: Model) -> np.ndarray:
-    return m.mean_input
-
-
-def _servo_curve(m: Model):
-    return [Column(command=_command(m) * np.abs(_command(m)))]
-
-
-def _servo_asymmetry(m: Model):
-    return [Column(command=_command(m)**2)]
-
-
-def _servo_friction(m: Model, soft: float):
-    return [Column(command=-np.tanh(np.gradient(m.motion[:, 2], m.t[:-1]) / soft))]
-
-
-def _attitude_curve(m: Model):
-    return _shift(m, 0, m.motion[:, 0]**3)
-
-
-def _attitude_knee(m: Model, at: float):
-    return _shift(m, 0, np.abs(m.motion[:, 0] - at))
-
-
-def _attitude_walk(m: Model):
-    return _shift(m, 0, _tau(m))
-
-
-def _gyro_ceiling(m: Model, at: float):
-    x = m.motion[:, 1]
-    return _shift(m, 1, np.clip(x, -at, at) - x)
-
-
-def _gyro_dead_zone(m: Model, at: float):
-    return _shift(m, 1, -np.clip(m.motion[:, 1] / at, -1.0, 1.0))
-
-
-def _gyro_window(m: Model, time: float, duration: float):
-    t = m.t[:-1]
-    return _shift(m, 1, m.motion[:, 1] * ((t >= time) & (t < time + duration)))
-
-
-def _gyro_warming(m: Model):
-    return _shift(m, 1, m.motion[:, 1] * _tau(m))
-
-
-def _pickup_drift(m: Model):
-    return _shift(m, 2, _tau(m))
-
-
-def _aero_flutter(m: Model, frequency: float):
-    t = m.t[:-1] + 0.5 * m.dt - m.centre
-    x = m.a6 * m.motion[:, 0]
-    return [Column(x * np.sin(frequency * t)), Column(x * np.cos(frequency * t))]
-
-
-def _thrust_flutter(m: Model, frequency: float):
-    t = m.t[:-1] + 0.5 * m.dt - m.centre
-    x = m.k1 * m.motion[:, 2]
-    return [Column(x * np.sin(frequency * t)), Column(x * np.cos(frequency * t))]
-
-
-def _chirp(m: Model, frequency: float, climb: float):
-    t = m.t[:-1] + 0.5 * m.dt - m.centre
-    return [Column(f(frequency * t + 0.5 * climb * t * t)) for f in (np.sin, np.cos)]
-
-
-def _beat(m: Model, frequency: float):
-    """A tone whose amplitude and phase change over a seventh of the log."""
-    t = m.t[:-1] + 0.5 * m.dt - m.centre
-    nodes = np.linspace(-1.0, 1.0, 8)
-    hats = np.clip(1.0 - np.abs(_tau(m)[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
-    return [Column(hats[:, k] * f(frequency * t)) for k in range(8) for f in (np.sin, np.cos)]
-
-
-def _wander(m: Model):
-    nodes = np.linspace(-1.0, 1.0, 10)[1:]
-    hats = np.clip(1.0 - np.abs(_tau(m)[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
-    return [Column(hats[:, k]) for k in range(9)]
-
-
-def _a6_drift(m: Model):
-    return [Column(m.a6 * m.motion[:, 0] * _tau(m))]
-
-
 def _lines_below(m: Model) -> list[tuple[float, ...]]:
-    return [(float(w),) for w in np.linspace(0.6, 4.0, 40)] if m.t[-1] - m.t[0] > 20.0 else []
-
-
-def _knees(m: Model) -> list[tuple[float, ...]]:
-    return [(float(x),) for x in np.quantile(m.motion[:, 0], np.linspace(0.1, 0.9, 9))]
-
-
-def _ceilings(m: Model) -> list[tuple[float, ...]]:
-    return [(float(x * np.max(np.abs(m.motion[:, 1]))),) for x in (0.5, 0.65, 0.8, 0.9, 0.96)]
-
-
-def _dead_zones(m: Model) -> list[tuple[float, ...]]:
-    return [(float(x),) for x in np.quantile(np.abs(m.motion[:, 1]), (0.1, 0.2, 0.35, 0.5, 0.7)) if x > 0.0]
-
-
-def _windows(m: Model) -> list[tuple[float, ...]]:
-    first, last = float(m.t[0]), float(m.t[-2])
-    if last - first < 10.0:
-        return []
-    return [(float(x), d) for d in (0.8, 1.6) for x in np.arange(first, last - d, 0.5 * d)]
+    return [(float(w),) for w in np.linspace(0.6, 4.0, 40)] if _is_long(m) else []
 
 
 def _chirps(m: Model) -> list[tuple[float, ...]]:
@@ -433,21 +328,9 @@ def _chirps(m: Model) -> list[tuple[float, ...]]:
     return [(w, k) for w in np.linspace(2.0, 9.0, 12) for k in np.linspace(0.3, 1.8, 6) * 2.0 * w / span]
 
 
-def _acc(m: Model) -> float:
-    return m.scales.acceleration
-
-
-def _angle(m: Model) -> float:
-    return 0.2
-
-
-def _one(m: Model) -> float:
-    return 1.0
-
-
-def _flown(m: Model) -> bool:
-    """Shapes that are told from another only where the noise is declared and flown with."""
-    return m.is_flown
+def _shares(x: np.ndarray, shares: tuple[float, ...]) -> list[tuple[float, ...]]:
+    """Quantiles of x, those above 0."""
+    return [(float(each),) for each in np.quantile(x, shares) if each > 0.0]
 
 
 def _nowhere(m: Model) -> list[tuple[float, ...]]:
@@ -455,64 +338,102 @@ def _nowhere(m: Model) -> list[tuple[float, ...]]:
     return [()]
 
 
-def _both(m: Model) -> bool:
-    return m.has["theta"] and m.has["theta_dot"]
+# ---- which logs can have them
+
+
+def _input_moves(m: Model) -> bool:
+    return bool(np.any(m.k1 != 0.0)) and m.scales.beta > 1e-9
 
 
 def _commanded(m: Model) -> bool:
     return m.is_commanded and _input_moves(m)
 
 
+def _both(m: Model) -> bool:
+    return m.has["theta"] and m.has["theta_dot"]
+
+
+def _unstable(m: Model) -> bool:
+    return bool(np.any(m.a6 != 0.0))
+
+
+def _is_long(m: Model) -> bool:
+    return float(m.t[-1] - m.t[0]) > 20.0
+
+
+def _one(m: Model) -> float:
+    return 1.0
+
+
+def _acceleration(m: Model) -> float:
+    return m.scales.acceleration
+
+
+ANYWHEN, LASTING = (0.02, -1e9, 1e9), (0.02, 0.2, 20.0)   # step and range of an event's time and duration [s]
 KINDS = (
-    Kind("control_loss", "control_loss", ("fraction", "time"), 1, _loss, _onsets, lambda m: 0.5, ((0.02, -1e9, 1e9),),
+    Kind("control_loss", "control_loss", ("fraction", "time"), 1,
+         lambda m, time: [Column(-m.k1 * m.motion[:, 2] * after(m, time))], _onsets, lambda m: 0.5, (ANYWHEN,),
          _input_moves, effective=True, once=True),
-    Kind("moment_step", "moment_step", ("acceleration", "time"), 1, _step, _onsets, _acc, ((0.02, -1e9, 1e9),),
-         once=True),
-    Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, _pulses, _angle,
-         ((0.02, -1e9, 1e9), (0.02, 0.2, 20.0)), lambda m: m.is_flown and bool(np.any(m.a6 != 0.0)),
-         place="environment",
-         once=True),
-    Kind("periodic_disturbance", "periodic_disturbance", ("sine", "cosine", "frequency"), 2, _line, lambda m: [],
-         _acc, ((2e-4, 0.05, 300.0),), _flown, place="environment"),
+    Kind("moment_step", "moment_step", ("acceleration", "time"), 1, lambda m, time: [Column(after(m, time))], _onsets,
+         _acceleration, (ANYWHEN,), once=True),
+    Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, _pulses, lambda m: 0.2, (ANYWHEN, LASTING),
+         lambda m: m.is_flown and _unstable(m), place="environment", once=True),
+    Kind("periodic_disturbance", "periodic_disturbance", ("sine", "cosine", "frequency"), 2,
+         lambda m, frequency: _tone(m, 1.0, frequency * _middles(m)), lambda m: [], _acceleration,
+         ((2e-4, 0.05, 300.0),), lambda m: m.is_flown, place="environment"),
     Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh, lambda m: _modes(m, SLOSH),
-         lambda m: 1.0, ((2e-3, 0.2, 25.0), (1e-3, *DAMPING)), lambda m: m.has["theta"] and m.is_flown),
+         _one, ((2e-3, 0.2, 25.0), (1e-3, *DAMPING)), lambda m: m.has["theta"] and m.is_flown),
     Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1, _bending, lambda m: _modes(m, BENDING),
          lambda m: 0.1, ((2e-2, 2.0, 300.0), (1e-3, *DAMPING)), lambda m: m.is_flown and _commanded(m)),
     Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift, _nowhere, lambda m: 0.1,
-         (), lambda m: m.has["theta"] and bool(np.any(m.a6 != 0.0)) and not m.track.record.path_is_known),
-    Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1, _backlash,
-         lambda m: [(x,) for x in PLAYS], lambda m: 1.0, ((2e-5, 1e-6, 0.2),), _commanded, place="actuator"),
-    Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, _rate_limit, _rates, lambda m: 1.0,
-         ((1e-3, 1e-3, 50.0),), _commanded, place="actuator"),
-    # in no list
-    Kind("servo_curve", "", ("size",), 1, _servo_curve, _nowhere, _one, (), _commanded, place="actuator"),
-    Kind("servo_asymmetry", "", ("size",), 1, _servo_asymmetry, _nowhere, _one, (), _commanded, place="actuator"),
-    Kind("servo_friction", "", ("size", "soft"), 1, _servo_friction, lambda m: [(0.005,), (0.02,)], _one,
-         ((1e-3, 1e-3, 1.0),), _commanded, place="actuator"),
-    Kind("attitude_curve", "", ("size",), 1, _attitude_curve, _nowhere, lambda m: 0.3 / m.scales.theta**2, (), _both,
-         place="sensor"),
-    Kind("attitude_knee", "", ("size", "at"), 1, _attitude_knee, _knees, _one, ((1e-3, -3.0, 3.0),), _both,
-         place="sensor"),
-    Kind("attitude_walk", "", ("size",), 1, _attitude_walk, _nowhere, lambda m: m.scales.theta, (), _both,
-         place="sensor"),
-    Kind("gyro_ceiling", "", ("size", "at"), 1, _gyro_ceiling, _ceilings, _one, ((1e-3, 1e-6, 1e3),), _both,
-         place="sensor"),
-    Kind("gyro_dead_zone", "", ("size", "at"), 1, _gyro_dead_zone, _dead_zones, lambda m: m.scales.omega,
+         (), lambda m: m.has["theta"] and _unstable(m) and not m.track.record.path_is_known),
+    Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1,
+         lambda m, half_width: _limited(m, half_width, 0.0), lambda m: [(x,) for x in PLAYS], _one,
+         ((2e-5, 1e-6, 0.2),), _commanded, place="actuator"),
+    Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, lambda m, rate: _limited(m, 0.0, rate),
+         _rates, _one, ((1e-3, 1e-3, 50.0),), _commanded, place="actuator"),
+    # in no list: what they explain is not named
+    Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.mean_input * np.abs(m.mean_input))], _nowhere,
+         _one, (), _commanded, place="actuator"),
+    Kind("servo_asymmetry", "", ("size",), 1, lambda m: [Column(command=m.mean_input**2)], _nowhere, _one, (),
+         _commanded, place="actuator"),
+    Kind("servo_friction", "", ("size", "soft"), 1, lambda m, soft: [Column(command=-np.tanh(m.nozzle_rate / soft))],
+         lambda m: [(0.005,), (0.02,)], _one, ((1e-3, 1e-3, 1.0),), _commanded, place="actuator"),
+    Kind("attitude_curve", "", ("size",), 1, lambda m: _shift(m, 0, m.motion[:, 0]**3), _nowhere,
+         lambda m: 0.3 / m.scales.theta**2, (), _both, place="sensor"),
+    Kind("attitude_knee", "", ("size", "at"), 1, lambda m, at: _shift(m, 0, np.abs(m.motion[:, 0] - at)),
+         lambda m: [(float(x),) for x in np.quantile(m.motion[:, 0], np.linspace(0.1, 0.9, 9))], _one,
+         ((1e-3, -3.0, 3.0),), _both, place="sensor"),
+    Kind("attitude_walk", "", ("size",), 1, lambda m: _shift(m, 0, _tau(m)), _nowhere, lambda m: m.scales.theta, (),
+         _both, place="sensor"),
+    Kind("gyro_ceiling", "", ("size", "at"), 1,
+         lambda m, at: _shift(m, 1, np.clip(m.motion[:, 1], -at, at) - m.motion[:, 1]),
+         lambda m: [(float(x * np.max(np.abs(m.motion[:, 1]))),) for x in (0.5, 0.65, 0.8, 0.9, 0.96)], _one,
+         ((1e-3, 1e-6, 1e3),), _both, place="sensor"),
+    Kind("gyro_dead_zone", "", ("size", "at"), 1, lambda m, at: _shift(m, 1, -np.clip(m.motion[:, 1] / at, -1.0, 1.0)),
+         lambda m: _shares(np.abs(m.motion[:, 1]), (0.1, 0.2, 0.35, 0.5, 0.7)), lambda m: m.scales.omega,
          ((1e-4, 1e-7, 1e3),), _both, place="sensor"),
-    Kind("gyro_flip", "", ("size", "time", "duration"), 1, _gyro_window, _windows, lambda m: 2.0,
-         ((0.02, -1e9, 1e9), (0.02, 0.2, 20.0)), _both, place="sensor", once=True),
-    Kind("gyro_warming", "", ("size",), 1, _gyro_warming, _nowhere, _one, (), _both, place="sensor"),
-    Kind("pickup_drift", "", ("size",), 1, _pickup_drift, _nowhere, lambda m: m.scales.beta, (),
+    Kind("gyro_flip", "", ("size", "time", "duration"), 1, lambda m, time, duration: _shift(
+             m, 1, m.motion[:, 1] * ((m.t[:-1] >= time) & (m.t[:-1] < time + duration))), _windows, lambda m: 2.0,
+         (ANYWHEN, LASTING), _both, place="sensor", once=True),
+    Kind("gyro_warming", "", ("size",), 1, lambda m: _shift(m, 1, m.motion[:, 1] * _tau(m)), _nowhere, _one, (), _both,
+         place="sensor"),
+    Kind("pickup_drift", "", ("size",), 1, lambda m: _shift(m, 2, _tau(m)), _nowhere, lambda m: m.scales.beta, (),
          lambda m: m.has["beta"] and _commanded(m), place="sensor"),
-    Kind("aero_flutter", "", ("sine", "cosine", "frequency"), 2, _aero_flutter, _lines_below, _one,
-         ((1e-3, 0.1, 30.0),), lambda m: bool(np.any(m.a6 != 0.0))),
-    Kind("thrust_flutter", "", ("sine", "cosine", "frequency"), 2, _thrust_flutter, _lines_below, _one,
+    Kind("aero_flutter", "", ("sine", "cosine", "frequency"), 2,
+         lambda m, frequency: _tone(m, m.a6 * m.motion[:, 0], frequency * _middles(m)), _lines_below, _one,
+         ((1e-3, 0.1, 30.0),), _unstable),
+    Kind("thrust_flutter", "", ("sine", "cosine", "frequency"), 2,
+         lambda m, frequency: _tone(m, m.k1 * m.motion[:, 2], frequency * _middles(m)), _lines_below, _one,
          ((1e-3, 0.1, 30.0),), _input_moves),
-    Kind("chirp", "", ("sine", "cosine", "frequency", "climb"), 2, _chirp, _chirps, _acc,
-         ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), lambda m: m.t[-1] - m.t[0] > 20.0, place="environment"),
-    Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, _beat, lambda m: [], _acc,
-         ((1e-3, 0.05, 300.0),), lambda m: m.t[-1] - m.t[0] > 20.0, place="environment"),
-    Kind("a6_drift", "", ("size",), 1, _a6_drift, _nowhere, _one, (), lambda m: bool(np.any(m.a6 != 0.0))),
-    Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, _wander, _nowhere, _acc, (), place="environment"),
+    Kind("chirp", "", ("sine", "cosine", "frequency", "climb"), 2, lambda m, frequency, climb: _tone(
+             m, 1.0, frequency * _middles(m) + 0.5 * climb * _middles(m)**2), _chirps, _acceleration,
+         ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), _is_long, place="environment"),
+    Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, _beat, lambda m: [], _acceleration,
+         ((1e-3, 0.05, 300.0),), _is_long, place="environment"),
+    Kind("a6_drift", "", ("size",), 1, lambda m: [Column(m.a6 * m.motion[:, 0] * _tau(m))], _nowhere, _one, (),
+         _unstable),
+    Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, lambda m: [Column(x) for x in _hats(m, 10)[:, 1:].T],
+         _nowhere, _acceleration, (), place="environment"),
 )
 LINES = ("periodic_disturbance", "beat")   # whose frequencies the periodogram proposes

@@ -112,11 +112,8 @@ class Search:
         m = self.m
         return float(np.clip(value, m.null[j] - m.tol[j], m.null[j] + m.tol[j]))
 
-    def cost(self, fit: Fit, group: Group) -> float:
-        """Squares that it costs to put the group back, by the information (Wald 1943)."""
-        return self.joint(fit, [group])
-
-    def joint(self, fit: Fit, groups: list[Group]) -> float:
+    def cost(self, fit: Fit, groups: list[Group]) -> float:
+        """Squares that it costs to put the groups back, by the information (Wald 1943)."""
         numbers = [j for g in groups for j in g.numbers[:g.linear]]
         d = np.array([fit.p[j] - self.nearest(j, fit.p[j]) for j in numbers])
         at = [fit.at(j) for j in numbers]
@@ -189,6 +186,8 @@ class Search:
         best = e_end = e_full
         fit, live, best, e_end = self.take_away(fit, live, e_nominal, best, e_end)
         kept, fit, e_end = self.judged(fit, live, e_nominal, best, e_end)
+        if not kept:
+            fit, e_end = nominal, e_nominal
         m.white(fit.p)
         return Elimination(nominal, full, fit, e_nominal, e_full, e_end, self.unit, kept, std_full, tuple(self.notes))
 
@@ -223,7 +222,7 @@ class Search:
             A = information(m, fit)
             self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
             others = [[g for g in cluster if g is not one] for one in cluster]
-            least, k = min((self.joint(fit, rest), k) for k, rest in enumerate(others))
+            least, k = min((self.cost(fit, rest), k) for k, rest in enumerate(others))
             if least < ONE_OF:
                 fit = self.without(fit, others[k])
                 e_end = left_out(m, fit)
@@ -231,13 +230,13 @@ class Search:
         while live:
             A = information(m, fit)
             self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
-            costs = {g.name: self.cost(fit, g) for g in live}
+            costs = {g.name: self.cost(fit, [g]) for g in live}
             order = sorted(live, key=lambda g: costs[g.name] * (EARLIER if is_rare(g) else 1.0))
             gone = False
             if at_once:
                 cheap: list[Group] = []
                 for g in order:
-                    if costs[g.name] > FREELY or self.joint(fit, [*cheap, g]) > FREELY * (len(cheap) + 1) ** 0.5:
+                    if costs[g.name] > FREELY or self.cost(fit, [*cheap, g]) > FREELY * (len(cheap) + 1) ** 0.5:
                         break
                     cheap.append(g)
                 at_once = False

@@ -3,10 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from sim.vehicle.kernels import kernel
 
 from ..sums import along, square
-from .filter import FAST, LEVELS
+from .filter import LEVELS
 from .model import Model
 
 SMALL = 0.05           # of the objective: less in a step ends the iterations
@@ -27,7 +28,7 @@ class Fit(NamedTuple):
         return self.free.index(j)
 
 
-@njit(cache=True, fastmath=FAST)
+@kernel
 def _gram(A, out):
     """out (k, k): the products of the rows of A (k, n), in this thread's order alone (`sums`)."""
     for i in range(len(A)):
@@ -77,17 +78,17 @@ def information(m: Model, fit: Fit) -> np.ndarray:
 
 
 def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset[int] = frozenset(),
-                 rounds: int = 3, start: tuple[np.ndarray, np.ndarray] | None = None) -> Fit:
-    """Minimise squares and priors over `free`, numbers held at a bound that they press against (Bertsekas 1982); start
-    (e, J) at p where they are known and the last filter's."""
+                 rounds: int = 3) -> Fit:
+    """Minimise squares and priors over `free`, numbers held at a bound that they press against (Bertsekas 1982), in so
+    many rounds beside those that halve them."""
     F = np.array(free, int)
     low, high = limits(m, band)
     p = p.copy()
     p[F] = np.clip(p[F], low[F], high[F])
-    e = start[0] if start is not None else m.white(p)
-    J = start[1] if start is not None else slopes(m, p, e, free)
+    e = m.white(p)
+    J = slopes(m, p, e, free)
     best = objective(m, e, p)
-    for _ in range(rounds if len(F) else 0):
+    while rounds > 0 and len(F):
         w = m.prior[F]**-2.0
         A = gram(J) + np.diag(w)
         b = -along(J, e) - w * (p - m.null)[F]
@@ -110,6 +111,7 @@ def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset
             value = objective(m, eq, q)
             if value < best:
                 done, moved = best - value < SMALL, True
+                rounds -= value > 0.5 * best
                 p, e, best = q, eq, value
                 break
         if not moved:

@@ -3,7 +3,7 @@
     theta' = omega
     omega' = f + c1 theta + c2 omega + curved(theta, omega) + k b + k2 b^2 + kappa b'' + am m + ag g + white noise
     m      a slow disturbance, g turbulence: first-order Markov processes (m a random walk where its time is infinite)
-    b, v   nozzle angle and rate: second order or first; driven by the command and white command noise
+    b, v   nozzle angle and rate: second order or first; driven by the command and its noise, held over its period
 
     z_theta = theta - dt omega + dt^2/2 omega' + n
     z_rate  = s (omega - dw omega') + g0 + n
@@ -17,22 +17,23 @@ Jazwinski 1970, th. 7.2 (prediction).
 import math
 
 import numpy as np
-from numba import njit
+
+from sim.vehicle.kernels import apart, kernel
 
 TH, OM, M, G, B, V = range(6)
 N = 6
 SECOND, FIRST = range(2)              # orders of the servo
 # what every run reads of the model as one array of numbers
 (DT, DW, SCALE, GYRO, NULL, SOFT, SIN, COS, SQUARE, CUBE, SIGN, DRAG, CROSS, K2, KAPPA, ORDER, W, ZETA,
- TAU_M, TAU_G) = range(20)
-CONSTANTS = 20
+ TAU_M, TAU_G, HELD) = range(21)
+CONSTANTS = 21
+U = 6                                 # the command's column in the slopes of a step
 RT, RW, RB, QA, QC, QM, QG = range(7)  # levels: sensors [unit], densities of acceleration and command, sigmas of m, g
 LEVELS = 7
 LOST = 1e7                             # rad or rad/s: a model that ran away is set back to the log
-FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
-@njit(fastmath=FAST)
+@apart
 def _acceleration(x, f, c1, c2, k, am, ag, b, c, curved):
     """omega' without kappa, and its slopes in theta, omega and b."""
     a = f + c1 * x[TH] + c2 * x[OM] + k * b + c[K2] * b * b + am * x[M] + ag * x[G]
@@ -56,17 +57,15 @@ def _acceleration(x, f, c1, c2, k, am, ag, b, c, curved):
     return a, at, aw, ab
 
 
-@njit(cache=True)
+@apart
 def servo_of(c, h, s):
-    """s (10,) out: the servo over a step h: f11, f12, f21, f22 of (b - u, v), the mean's i1, i2, its noise q11, q12,
-    q22 of a unit density, and h."""
+    """s (7,) out: the servo over a step h: f11, f12, f21, f22 of (b - u, v), the mean's i1, i2, and h."""
     s[:] = 0.0
-    s[9] = h
+    s[6] = h
     w, z = c[W], min(c[ZETA], 0.999)
     if c[ORDER] == FIRST:
         s[0] = math.exp(-w * h)
         s[4] = (1.0 - s[0]) / (w * h)
-        s[6] = 0.5 * w * (1.0 - s[0] * s[0])
         return
     d = w * math.sqrt(1.0 - z * z)
     e, co, k = math.exp(-z * w * h), math.cos(d * h), math.sin(d * h)
@@ -74,19 +73,11 @@ def servo_of(c, h, s):
     s[2], s[3] = -e * w * w / d * k, e * (co - z * w / d * k)
     s[4] = -(s[2] + 2.0 * z * w * (s[0] - 1.0)) / (w * w * h)
     s[5] = -(s[3] - 1.0 + 2.0 * z * w * s[1]) / (w * w * h)
-    parts = 12
-    for i in range(parts):
-        g = h * (i + 0.5) / parts
-        e, co, k = math.exp(-z * w * g), math.cos(d * g), math.sin(d * g)
-        one, two = w * w * e * k / d, w * w * e * (co - z * w / d * k)
-        s[6] += one * one * h / parts
-        s[7] += one * two * h / parts
-        s[8] += two * two * h / parts
 
 
-@njit(fastmath=FAST)
+@apart
 def _move(x, u, h, s, f, c1, c2, k, am, ag, em, eg, c, curved, F, wants):
-    """x (6,) inout over one step; F (2, 6) out: its slopes of theta and omega."""
+    """x (6,) inout over one step; F (2, 7) out: slopes of theta and omega in x and in the command."""
     off = x[B] - u
     b = u + s[4] * off + s[5] * x[V]
     nv = s[2] * off + s[3] * x[V]
@@ -96,10 +87,11 @@ def _move(x, u, h, s, f, c1, c2, k, am, ag, em, eg, c, curved, F, wants):
     if wants:
         q = 0.5 * h * h
         F[0, TH], F[0, OM], F[0, M], F[0, G] = 1.0 + q * at, h + q * aw, q * am, q * ag
-        F[0, B], F[0, V] = q * ab * s[4], q * ab * s[5]
+        F[0, B], F[0, V], F[0, U] = q * ab * s[4], q * ab * s[5], q * ab * (1.0 - s[4])
         F[1, TH], F[1, OM] = h * at + q * aw * at, max(1.0 + h * aw + q * (at + aw * aw), 0.0)
         F[1, M], F[1, G] = (h + q * aw) * am, (h + q * aw) * ag
         F[1, B], F[1, V] = h * ab * s[4] + c[KAPPA] * s[2], h * ab * s[5] + c[KAPPA] * (s[3] - 1.0)
+        F[1, U] = h * ab * (1.0 - s[4]) - c[KAPPA] * s[2]
     x[TH] = th + h * om
     x[OM] = om + h * a
     a2, at, aw, ab = _acceleration(x, f, c1, c2, k, am, ag, b, c, curved)
@@ -111,7 +103,7 @@ def _move(x, u, h, s, f, c1, c2, k, am, ag, em, eg, c, curved, F, wants):
     x[V] = nv
 
 
-@njit(fastmath=FAST)
+@apart
 def _update(x, P, H, e, r, K):
     """Scalar measurement with innovation e; x, P inout, K (6,) out; -> its variance."""
     v0 = v1 = v2 = v3 = v4 = v5 = 0.0
@@ -136,10 +128,9 @@ def _update(x, P, H, e, r, K):
     return s
 
 
-@njit(fastmath=FAST)
-def _spread(P, T, F, s, em, eg, qa, qm, qg, qc, h, kappa):
-    """P (6, 6) inout over one step h; T (6, 6) scratch; densities of the noise, of command and moments their variances.
-    """
+@apart
+def _spread(P, T, F, s, em, eg, qa, qm, qg, h):
+    """P (6, 6) inout over one step h; T (6, 6) scratch; density of the acceleration's noise, variances of moments."""
     for i in range(N):
         p0, p1, p2, p3, p4, p5 = P[0, i], P[1, i], P[2, i], P[3, i], P[4, i], P[5, i]
         T[0, i] = F[0, 0] * p0 + F[0, 1] * p1 + F[0, 2] * p2 + F[0, 3] * p3 + F[0, 4] * p4 + F[0, 5] * p5
@@ -162,19 +153,28 @@ def _spread(P, T, F, s, em, eg, qa, qm, qg, qc, h, kappa):
     P[1, 1] += qa * h
     P[2, 2] += qm
     P[3, 3] += qg
-    P[4, 4] += qc * s[6]
-    P[4, 5] += qc * s[7]
-    P[5, 4] += qc * s[7]
-    P[5, 5] += qc * s[8]
-    if kappa != 0.0:      # the nozzle's own noise turns the vehicle too
-        P[1, 1] += kappa * kappa * qc * s[8]
-        P[1, 4] += kappa * qc * s[7]
-        P[4, 1] += kappa * qc * s[7]
-        P[1, 5] += kappa * qc * s[8]
-        P[5, 1] += kappa * qc * s[8]
 
 
-@njit(cache=True, fastmath=FAST)
+@apart
+def _hold(g, F, s):
+    """g (6,) inout over one step: what a unit error of the command has done since it began."""
+    th, om, b, v = g[TH], g[OM], g[B], g[V]
+    g[TH] = F[0, TH] * th + F[0, OM] * om + F[0, B] * b + F[0, V] * v + F[0, U]
+    g[OM] = F[1, TH] * th + F[1, OM] * om + F[1, B] * b + F[1, V] * v + F[1, U]
+    g[B] = s[0] * b + s[1] * v + 1.0 - s[0]
+    g[V] = s[2] * b + s[3] * v - s[2]
+
+
+@apart
+def _release(P, g, variance):
+    """P (6, 6) inout: the command's error of this variance, held until now, joins; another begins."""
+    for i in range(N):
+        for j in range(N):
+            P[i, j] += variance * g[i] * g[j]
+    g[:] = 0.0
+
+
+@kernel
 def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: PLR0912, PLR0915 - one algorithm, in order
     """Filter a log; or, `frozen`, follow it with the gains that the last filter left in K.
 
@@ -184,8 +184,8 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
     A (n, 6) slopes of omega' in theta, omega, b with the innovations' own; C (n, 6, 6) covariances of X, or none: out
     """
     n = len(z)
-    x, P, F, s = np.zeros(N), np.zeros((N, N)), np.zeros((2, N)), np.zeros(10)
-    T, H = np.zeros((N, N)), np.zeros(N)
+    x, P, F, s = np.zeros(N), np.zeros((N, N)), np.zeros((2, N + 1)), np.zeros(7)
+    T, H, g = np.zeros((N, N)), np.zeros(N), np.zeros(N)
     curved = c[SIN] != 0.0 or c[COS] != 0.0 or c[SQUARE] != 0.0 or c[CUBE] != 0.0 or c[SIGN] != 0.0 or \
         c[DRAG] != 0.0 or c[CROSS] != 0.0
     for i in range(N):
@@ -250,20 +250,25 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
         if k == n - 1:
             break
         h = (t[k + 1] - t[k]) / sub
-        if abs(h - s[9]) > 1e-9 * h:
+        if abs(h - s[6]) > 1e-9 * h:
             servo_of(c, h, s)
             em = math.exp(-h / c[TAU_M])
             eg = math.exp(-h / c[TAU_G])
             qm = levels[QM] * levels[QM] * (h if math.isinf(c[TAU_M]) else 1.0 - em * em)
             qg = levels[QG] * levels[QG] * (1.0 - eg * eg)
-            qa, qc = levels[QA] * levels[QA], levels[QC] * levels[QC]
+            qa = levels[QA] * levels[QA]
+            qc = levels[QC] * levels[QC] / h
+            held = max(round(c[HELD] / h), 1)
         for j in range(sub):
             _move(x, u[k, j], h, s, f, c1, c2, kb, am, ag, em, eg, c, curved, F, not frozen)
             if frozen:
                 continue
             if j == 0:
                 A[k, 0], A[k, 1], A[k, 2] = F[1, TH] / h, (F[1, OM] - 1.0) / h, F[1, B]
-            _spread(P, T, F, s, em, eg, qa, qm, qg, qc, h, c[KAPPA])
+            _spread(P, T, F, s, em, eg, qa, qm, qg, h)
+            _hold(g, F, s)
+            if (j + 1) % held == 0 or j + 1 == sub:
+                _release(P, g, qc / (j % held + 1))
         if not frozen:   # rounding makes no difference of P and its transpose, which an unstable vehicle would let grow
             for i in range(N):
                 for j in range(i):
@@ -281,12 +286,12 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
                     P[i, i] = P0[i]
 
 
-@njit(cache=True, fastmath=FAST)
+@kernel
 def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
     """The change E (n, 3) of the innovations that a small forcing makes: force (n,) [rad/s^2] and command (n,)
     [rad] over each row, shift (n, 3) of the measurements.  Linear, about the last filter's path."""
     n = len(z)
-    x, s = np.zeros(N), np.zeros(10)
+    x, s = np.zeros(N), np.zeros(7)
     for k in range(n):
         for ch in range(3):
             E[k, ch] = 0.0
@@ -304,7 +309,7 @@ def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
         if k == n - 1:
             break
         h = (t[k + 1] - t[k]) / sub
-        if abs(h - s[9]) > 1e-9 * h:
+        if abs(h - s[6]) > 1e-9 * h:
             servo_of(c, h, s)
             em, eg = math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
         at, aw, kb, am, ag = A[k, 0], A[k, 1], rows[k, 3], rows[k, 4], rows[k, 5]
@@ -320,7 +325,7 @@ def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
             x[V] = s[2] * off + s[3] * x[V]
 
 
-@njit(cache=True)
+@kernel
 def whiten(E, S, at, out):
     """out: innovations over their deviations, those beyond 8 shortened (Huber 1964); -> the sum of log variances."""
     total = 0.0
@@ -336,7 +341,7 @@ def whiten(E, S, at, out):
     return total
 
 
-@njit(cache=True)
+@kernel
 def nozzle_input(u, h, c, lag, washout, play, rate, out):
     """What acts in the place of the command u (m,), means over steps h (m,): behind a play of +-play, a first-order
     lag, and less its low-pass of time 1/washout; of a servo that moves no faster than `rate`, the input at which the
@@ -377,15 +382,15 @@ def nozzle_input(u, h, c, lag, washout, play, rate, out):
         out[i] = x
 
 
-@njit(cache=True, fastmath=FAST)
+@kernel
 def ahead(t, z, u, rows, c, levels, sub, X, C, starts, spans, out, variances):
     """out (starts, spans, 3): measured less predicted, free from the filtered states X at `starts` rows, each of
     `spans` (increasing) rows ahead; NaN where not measured or beyond the log.  variances of them, alike, where there
     are covariances C of X."""
     n, wants = len(z), len(C) > 0
-    x, F, s = np.zeros(N), np.zeros((2, N)), np.zeros(10)
+    x, F, s, g = np.zeros(N), np.zeros((2, N + 1)), np.zeros(7), np.zeros(N)
     P, T = np.zeros((N, N)), np.zeros((N, N))
-    qa, qc = levels[QA] * levels[QA], levels[QC] * levels[QC]
+    qa = levels[QA] * levels[QA]
     curved = c[SIN] != 0.0 or c[COS] != 0.0 or c[SQUARE] != 0.0 or c[CUBE] != 0.0 or c[SIGN] != 0.0 or \
         c[DRAG] != 0.0 or c[CROSS] != 0.0
     out[:] = np.nan
@@ -401,16 +406,21 @@ def ahead(t, z, u, rows, c, levels, sub, X, C, starts, spans, out, variances):
                 break
             while k < end:
                 h = (t[k + 1] - t[k]) / sub
-                if abs(h - s[9]) > 1e-9 * h:
+                if abs(h - s[6]) > 1e-9 * h:
                     servo_of(c, h, s)
                 em, eg = math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
                 qm = levels[QM] * levels[QM] * (h if math.isinf(c[TAU_M]) else 1.0 - em * em)
                 qg = levels[QG] * levels[QG] * (1.0 - eg * eg)
+                qc = levels[QC] * levels[QC] / h
+                held = max(round(c[HELD] / h), 1)
                 for j in range(sub):
                     _move(x, u[k, j], h, s, rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], em,
                           eg, c, curved, F, wants)
                     if wants:
-                        _spread(P, T, F, s, em, eg, qa, qm, qg, qc, h, c[KAPPA])
+                        _spread(P, T, F, s, em, eg, qa, qm, qg, h)
+                        _hold(g, F, s)
+                        if (j + 1) % held == 0 or j + 1 == sub:
+                            _release(P, g, qc / (j % held + 1))
                 k += 1
             a = _acceleration(x, rows[k - 1, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], x[B], c,
                               curved)[0]

@@ -69,6 +69,7 @@ class Model:
 
     numbers  the table, grown by `with_shapes`;  shapes  the candidates beyond the usual numbers that are fitted
     motion   (n, 3) attitude, rate, nozzle by the filter: what forced columns are made of
+    nozzle_rate  (n,) over each row as predicted at its beginning: what is measured at its end knows the row's noise
     """
 
     def __init__(self, track: Track, noise: str = "bounded") -> None:
@@ -124,7 +125,7 @@ class Model:
         """(declared levels, sigma of the logarithm about them (0: not fitted), largest factor) (LEVELS,) each."""
         nominal, r = self.track.nominal, self.track.record
         s, a, sim, c, known = nominal.sensors, nominal.actuator, nominal.simulation, self.law, self.known
-        tick = c.period if c is not None else float(np.median(self.dt))
+        self.tick = tick = c.period if c is not None else float(np.median(self.dt))
         given = [(s.theta_std, s.theta_step), (s.theta_dot_std, s.theta_dot_step), (s.beta_std, s.beta_step)]
         sensor = []
         for k, (white_part, step) in enumerate(given):
@@ -197,7 +198,7 @@ class Model:
             _, self.base_input, _, self.base_constants = self.arrays(self.null)
 
     def input_of(self, get, c: np.ndarray) -> np.ndarray:
-        """The servo's input (n, sub) [rad]: the commands later by `delay`, through what the numbers put in the way."""
+        """Return the servo's input (n, sub) [rad]: commands after delay, lag, washout, play, rate limit and gain."""
         key = (get("delay"), max(get("lag"), 0.0), max(get("washout"), 0.0), get("play"), get("rate_limit"))
         if key not in self.inputs:
             delay = (self.servo.delay if self.is_commanded else 0.0) + key[0]
@@ -232,7 +233,7 @@ class Model:
         c[ekf.SCALE], c[ekf.GYRO], c[ekf.NULL] = get("gyro_scale", 1.0), get("gyro_bias"), get("nozzle_bias")
         c[ekf.SOFT] = max(0.05 * self.scales.omega, 1e-9)
         c[ekf.TAU_M], c[ekf.TAU_G] = self.tau_m, self.tau_g
-        c[ekf.KAPPA] = get("inertia")
+        c[ekf.KAPPA], c[ekf.HELD] = get("inertia"), self.tick
         rows = np.zeros((self.n, 6))
         for name, code in CURVES.items():
             c[code] = get("term " + name, self.terms.get(name, 0.0))
@@ -313,8 +314,7 @@ class Model:
         return E.ravel()[self.flat] * self.weight
 
     def ahead(self, starts: np.ndarray, spans: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(errors (starts, spans, 3) of the last run's model, free from its filtered states; variances of them, NaN
-        without `C`)."""
+        """Return errors and variances (starts, spans, 3) of open-loop predictions; variances are NaN without `C`."""
         z, rows, c = self.last
         errors, variances = np.empty((2, len(starts), len(spans), 3))
         ekf.ahead(self.t, np.ascontiguousarray(z), self.last_input, rows, c, np.exp(self.levels), self.track.sub,
@@ -324,5 +324,7 @@ class Model:
     def settle(self) -> None:
         """Keep the filtered motion of the last run for the columns that are made of it."""
         self.motion = np.column_stack([self.X[:, 0], self.X[:, 1], self.X[:, 4]])
+        predicted = self.X[1:, ekf.B] - np.sum(self.K[1:, :, ekf.B] * self.E[1:], axis=1)
+        self.nozzle_rate = np.append((predicted - self.X[:-1, ekf.B]) / self.dt[:-1], 0.0)
         self.columns.clear()
         self._know()

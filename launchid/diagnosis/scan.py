@@ -21,7 +21,7 @@ LOW_OVERLAP = 0.02     # of a column that the free numbers do not make: less is 
 
 
 class Found(NamedTuple):
-    """A kind at the nonlinear values where it promises most, the amplitudes there and what it would save."""
+    """A candidate's best nonlinear values, the amplitudes there, and the sum of squares they save."""
 
     kind: Kind
     values: tuple[float, ...]

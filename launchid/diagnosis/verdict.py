@@ -17,12 +17,12 @@ from ..log.vehicle import plant_faults
 from ..sums import square
 from .adapter import Reading, read
 from .candidates import KINDS, usual
-from .elimination import LEAST, Elimination, Kept, Search
+from .elimination import ALIKE_Z, LEAST, Elimination, Kept, Search
 from .estimate import Fit, fit_levels, gauss_newton
 from .gain import Gain, held_out
 from .model import BLOCKS, Model, Number, Stopped
 from .scan import NEAR, Found, scan, with_shape
-from .score import compare
+from .score import compare, left_out
 
 LATE = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)   # s, delays of a servo that are tried
 FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
@@ -174,7 +174,7 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, bootstrap: 
 def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, say: Callable[[str], None]) -> Result:
     """Estimate everything, take away what is not needed, decide."""
     say("everything free")
-    notes = frozenset() if is_sure(m) else frozenset(m.index(x) for x in KINEMATIC if x in m.names)
+    notes = frozenset() if m.is_flown else frozenset(m.index(x) for x in KINEMATIC if x in m.names)
     p, found = everything(m)
     say("taking away")
     search = Search(m, notes)
@@ -202,13 +202,6 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
     other.with_numbers(m.numbers, m.shapes)
     nats = 0.5 * (square(el.e_nominal) - square(el.e_final))
     return replace(result, gain=held_out(other, el.nominal, el.final, el.full, nats, is_another=True))
-
-
-def is_sure(m: Model) -> bool:
-    """Both sensors are declared, flown with, and as the log has them."""
-    if not (m.is_flown and m.has["theta"] and m.has["theta_dot"]):
-        return m.is_flown
-    return True
 
 
 def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
@@ -242,10 +235,15 @@ def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
 
 
 def limited(m: Model, taken: list[Found]) -> np.ndarray:
-    """The numbers to start from: with a rate limit, a play or a delay where one leaves clearly less than none, for a
-    servo so limited or so late is no small forcing of another."""
+    """The numbers to start from: with a rate limit, a play, a delay or a trim where one leaves clearly less than none,
+    for a servo so limited or so late, or a vehicle that its trim has lost, is no small forcing of another."""
     best, plain = None, float((m.white(m.null)**2).sum())
     late, least = m.null, FAR_LESS * plain
+    if "misalignment" in m.names:
+        fit = gauss_newton(m, m.null, (m.index("misalignment"),))
+        left = float((fit.e**2).sum())
+        if left < least:
+            late, least = fit.p, left
     for delay in LATE:
         q = m.null.copy()
         q[m.index("delay")] += delay
@@ -332,8 +330,8 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
     gain = held_out(m, el.nominal, el.final, el.full, nats)
     mine = adequacy(m, el.final)
     controller = reading.controller
-    listed = [k for k in el.kept if cause_of(m, k.group.name)]
-    unlisted = [k for k in el.kept if not cause_of(m, k.group.name)]
+    listed = [k for k in el.kept if cause_of(m, k.group.name) and not may_be_a_drift(m, el, k)]
+    unlisted = [k for k in el.kept if k not in listed]
     notes = tuple(noted(m, el))
     words = []
     of_input = [k for k in listed if k.group.name.partition("#")[0] in INPUT]
@@ -356,7 +354,9 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
         names.insert(0, Named("controller_mismatch", "controller", {
             "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
             "delay": (controller.delay, controller.std[2])}, (), controller.evidence, math.nan))
-    doubts = [f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause"
+    doubts = ["an attitude reference that drifts explains as much as a gyro_bias: another reference would decide"
+              if k.group.name == "gyro_bias" else
+              f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause"
               for k in unlisted]
     where = place_of(m, unlisted[0].group.name) if unlisted else None
     is_foreign = controller is not None and controller.is_foreign
@@ -395,6 +395,22 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
         return result("dominant", names[0].where, named=tuple(names), remaining=tuple(against), share=gain.share,
                       remaining_where=where or mine.where)
     return result("explained", names[0].where, named=tuple(names))
+
+
+def may_be_a_drift(m: Model, el: Elimination, k: Kept) -> bool:
+    """Whether an attitude that drifts does as well as a gyro's bias: it parts the columns as that does, and only the
+    moment of the drift that the vehicle feels, which a slow disturbance may be too, tells the two apart."""
+    if k.group.name != "gyro_bias" or not m.is_flown:
+        return False
+    table, bias = (m.numbers, m.shapes), m.index("gyro_bias")
+    drift = next(kind for kind in KINDS if kind.name == "attitude_walk")
+    p = with_shape(m, k.without, Found(drift, (), np.zeros(1), 0.0))
+    free = tuple(sorted({*el.final.free, bias, len(p) - 1}))
+    fit = gauss_newton(m, p, free, el.final.band | {bias}, 2)
+    costs, error = compare(m, left_out(m, fit), el.e_final, el.unit)
+    m.with_numbers(*table)
+    m.white(el.final.p)
+    return costs < ALIKE_Z * error
 
 
 def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
@@ -454,6 +470,8 @@ def cause_of(m: Model, name: str) -> str:
 
 
 def place_of(m: Model, name: str) -> str:
+    if name in m.names:
+        return CATALOGUE[cause_of(m, name)].where if cause_of(m, name) else "plant"
     return next((s.kind.place for s in m.shapes if s.names[0].startswith(name + ".")), "plant")
 
 

@@ -25,4 +25,4 @@ def write_page(logs: Sequence[Looked], figure: Figure, path: str) -> None:
     first = "".join(f"<p>{text(each.log.summary())}</p>" for each in logs) \
         + (f"<p>{list_of(said)}</p>" if said else "<p>The data check finds nothing.</p>")
     write_text(path, [page(str(figure.get_suptitle()), "launchid show: logs as they are", COLOUR, first, [
-        ("Columns", picture("columns", "Columns", CAPTION, png.getvalue(), figure_json(figure)))])])
+        ("Figures", picture("columns", "Columns over time", CAPTION, png.getvalue(), figure_json(figure)))])])

@@ -71,7 +71,7 @@ def moved(model: Model, step: np.ndarray) -> Model:
 
 
 def scores(model: Model, c: Channels, base: Pass) -> tuple[np.ndarray, np.ndarray]:
-    """(c, p) score of each innovation, (p, p) information."""
+    """Return scores (n, p) and information (p, p)."""
     q, free = len(model.linear), model.free
     used = base.counted
     e, s = base.e[used], base.variance[used]

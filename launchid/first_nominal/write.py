@@ -68,7 +68,7 @@ def is_wind(numbers: First) -> bool:
 
 
 def told(numbers: First, name: str) -> bool:
-    """An offset that is not 0."""
+    """Test |offset| > TOLD*std."""
     value, std = numbers.offsets.get(name, (0.0, 1.0))
     return abs(value) > TOLD * std
 

@@ -46,7 +46,7 @@ def _plural(count: int, word: str) -> str:
 
 def judged(t: np.ndarray, columns: Mapping[str, np.ndarray], usable: np.ndarray,
            own: Mapping[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[Fault]]:
-    """(masks as `check.DataCheck`'s, faults) of every column (n,) by itself.
+    """(masks as `detect.DataCheck`'s, faults) of every column (n,) by itself.
 
     usable (n,) bool: of the stamps;  own  (n,) bool of each measured column: not repeated or interpolated by a logger
     """

@@ -57,8 +57,8 @@ class CheckedLog:
 
     @property
     def foreign(self) -> str:
-        """The columns that are of another quantity than their names say, in words; "": none.  No number of such a log
-        is of one motion, and no advice but to correct them has a meaning."""
+        """In words the columns that hold another quantity than their names say; "" if none.  No number of such a log is
+        of one motion."""
         return foreign(self.faults)
 
     @property
@@ -113,7 +113,7 @@ def columns_alone(log: Log) -> DataCheck:
 
 
 def _unknown(period: float) -> Nominal:
-    """A nominal of a vehicle and of sensors that say nothing."""
+    """Return a nominal with a6, k1 and all noise levels 0."""
     return Nominal(name="", vehicle=constant_profile(0.0, 0.0), terms=(), sensors=Sensors(
         period=period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
 
@@ -159,7 +159,7 @@ def _measured(log: Log, name: str, data: DataCheck, rejected: np.ndarray) -> np.
 
 
 def _bridged(log: Log) -> float:
-    """Seconds over which rows with a missing theta or beta are bridged: BRIDGED rows; 0 where none is missing."""
+    """Return the time [s] that BRIDGED missing rows of theta or beta span; 0 if none or all are missing."""
     there = np.isfinite(log.t)
     missing = there & ~(np.isfinite(log.theta) & np.isfinite(log.beta))
     return (BRIDGED + 1.5) * log.period if missing.any() and not missing[there].all() else 0.0
@@ -185,13 +185,12 @@ def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
 
 
 def foreign(noted: tuple[Fault, ...]) -> str:
-    """The columns that are of another quantity than their names say, in words; "": none.  No advice but to correct
-    them has a meaning then."""
+    """Return in words the columns that hold another quantity than their names say; "" if none."""
     return "; ".join(fault.message for fault in noted if fault.kind in COLUMN_FAULTS)
 
 
 def profile_note(nominal: Nominal | None, last: float, what: str) -> tuple[str, ...]:
-    """A note where a vehicle's profile ends before what is flown or identified with it does, at `last` [s]."""
+    """Return a note if the vehicle's profile ends before `what`, which ends at `last` [s]."""
     if nominal is None or len(nominal.vehicle.t) == 1 or not nominal.vehicle.t[-1] < last - 1e-9:
         return ()
     return (f"{nominal.vehicle.path or nominal.path}: the profile ends at {nominal.vehicle.t[-1]:g} s, {what} at "

@@ -39,7 +39,6 @@ STANDARD_INPUT = "-"
 SHORTEST = 1.0e-6  # s between samples, the estimator's least: stamps that are nearer are no times
 FED = 4096         # rows that are samples at a time
 MOVING = ("theta", "theta_dot", "beta")  # where anything moves
-DATES = "mM"       # numpy's kinds of a duration and a date
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +267,7 @@ def _names(path: str, columns: Any) -> list[Any]:
 def _column(path: str, name: str, column: Any) -> np.ndarray:
     hidden = np.ma.getmaskarray(column) if isinstance(column, np.ma.MaskedArray) else None
     raw = np.asarray(column) if hasattr(column, "dtype") else column
-    if isinstance(raw, np.ndarray) and raw.dtype.kind in DATES:
+    if isinstance(raw, np.ndarray) and raw.dtype.kind in "mM":  # durations and dates
         raise InputError(f"{path}: column {name}: it holds dates; expected numbers"
                          + (", seconds from the first row on" if name == "t" else ""))
     if isinstance(raw, np.ndarray) and raw.dtype.kind == "c":

@@ -42,9 +42,9 @@ def continuous(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def unwrapped(log: Log) -> tuple[Log, tuple[Fault, ...]]:
-    """Return the log with its whole turns put back, and what was done, one for each angle.
+    """Return the log with whole turns put back, and a Fault for each thing done.
 
-    An attitude that starts beyond half a turn has the whole turns of its start taken out, and theta_ref as many.
+    If theta starts beyond half a turn, its whole turns are taken off theta and theta_ref.
     """
     found, columns = list[Fault](), dict[str, Any]()
     for name in ANGLES:

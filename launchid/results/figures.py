@@ -28,7 +28,6 @@ SURE = 3.0          # standard deviations of its time, after which a change has 
 MISSED = 1.5        # horizons from one prediction to the next, above which some are missing between
 FEW = 40            # predictions that are marked one by one
 WORDED = 2          # sudden changes of a parameter, up to which the legend gives their numbers
-PERIODS = 2         # of a test input's slowest sine that are drawn
 MOST_DELTA = 2.5    # of the range that the uncertainty level's axis shows: beyond it out is out
 
 
@@ -333,7 +332,7 @@ def plan_figure(plan: Plan) -> Figure:
     figure = Figure(figsize=(9, 4.6))
     figure.suptitle(f"{plan.nominal.name}: test input, {plan.root_mean_square:.2e} rad rms", fontsize=11, y=0.96)
     above, below = figure.subplots(2, 1)
-    longest = min(multisine.duration, PERIODS * 2.0 * math.pi / min(multisine.frequency))
+    longest = min(multisine.duration, 2 * 2.0 * math.pi / min(multisine.frequency))
     t = multisine.start + np.linspace(0.0, longest, 2000, endpoint=False)
     above.plot(t, multisine.at(t), color="0.1", linewidth=0.9)
     above.set_xlabel("t [s]")

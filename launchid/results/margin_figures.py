@@ -29,7 +29,7 @@ def margins_figure(log: Log, nominal: Nominal, windows: Sequence[WindowMargins],
     has margins, as a Nichols chart and as a Bode plot, beside the nominal's loop and those of its box."""
     figure = Figure(figsize=(13.5, 8.6), layout="constrained")
     figure.suptitle(f"{Path(log.path).name}: stability margins of the loop as identified, 95 % intervals", fontsize=11)
-    grid = figure.add_gridspec(4, 2, width_ratios=[1.15, 1.0])
+    grid = figure.add_gridspec(len(NAMES), 2, width_ratios=[1.15, 1.0])
     over: list[Any] = []
     for k, name in enumerate(NAMES):
         over.append(figure.add_subplot(grid[k, 0], sharex=over[0] if over else None))

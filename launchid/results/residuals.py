@@ -37,7 +37,6 @@ LAGS = 10
 FEWEST = 5       # predictions with a fit
 DRAWS, SEED = 4, 0   # of the noise: 20 predictions then tell its share to 8 %; the same numbers each time
 RIGID = {"theta", "beta"}
-BAND_99 = 2.576  # standard deviations that 99 % of a normal variable stay within
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +163,7 @@ def _correlation(left: list[np.ndarray], spacing: int) -> Correlation | None:
     if lags < 1 or not np.any(e != 0.0):
         return None
     values = np.array([inner(e[lag:], e[:len(e) - lag]) for lag in range(1, lags + 1)]) / square(e)
-    return Correlation(values, BAND_99 / float(np.sqrt(len(e))))
+    return Correlation(values, 2.576 / float(np.sqrt(len(e))))  # 99 % of a normal
 
 
 def _coefficients(estimate: Estimate) -> np.ndarray:

@@ -28,7 +28,7 @@ from ..controller_replay import FEWEST, Replay, replay, rms
 from ..log.log import Log
 from ..onboard import onboard_model
 from ..unsupported import refuse_foreign_loop
-from .margin_spread import NAMES, Known, Spread, json_number, margin_spread
+from .margin_spread import MARGINS, NAMES, Known, Spread, json_number, margin_spread
 from .servo_check import contradictions, followed, words
 
 OK, CHANGE, UNKNOWN = "OK", "CHANGE", "UNKNOWN"   # of what has margins or has none; else the estimator's own status
@@ -38,9 +38,8 @@ DECLARE = "; declare natural_frequency_sigma, damping_ratio_sigma, delay_sigma i
 SETTLED = 2.0    # s after a sudden change, when its size is final
 NOTHING = {"value": None, "std": None, "low": None, "high": None}
 OTHER_LOOP = ("aero_damping", "actuator_gain")    # effects that the estimator knows of and the frozen loop does not
-WORDS = {"gain_low_db": "low gain margin", "gain_high_db": "high gain margin", "phase_deg": "phase margin",
-         "delay_ms": "delay margin"}
-UNITS = {"gain_low_db": "dB", "gain_high_db": "dB", "phase_deg": "degrees", "delay_ms": "ms"}
+WORDS = {name: margin.words for name, margin in MARGINS.items()}
+UNITS = {name: margin.unit for name, margin in MARGINS.items()}
 
 
 class Servo(NamedTuple):
@@ -76,7 +75,9 @@ def declared_servo(nominal: Nominal) -> Servo:
     nominal.require("actuator", "controller")
     refuse_foreign_loop(nominal, "the frozen loop")
     for effect in nominal.effects:
-        if effect.name in OTHER_LOOP and not is_neutral(values(effect)):
+        given = values(effect)
+        is_neutral = given.get("scale", 1.0) == 1.0 and given.get("coefficient", 0.0) == 0.0
+        if effect.name in OTHER_LOOP and not is_neutral:
             raise InputError(f"{nominal.path}: effect {effect.name!r}: the frozen loop has no model of it; expected a "
                              "nominal without it")
     model = onboard_model(nominal)
@@ -99,11 +100,6 @@ def last_servo(declared: Servo, estimates: Sequence[Estimate]) -> Servo:
     """The servo as the flight has shown it until the end of its last window that does not contradict it."""
     shown = (servo_at(declared, e) for e in reversed(estimates))
     return next((servo for servo in shown if np.isfinite(servo.mean).all()), declared)
-
-
-def is_neutral(parameters: dict[str, Any]) -> bool:
-    """Whether an effect of OTHER_LOOP changes nothing."""
-    return parameters.get("scale", 1.0) == 1.0 and parameters.get("coefficient", 0.0) == 0.0
 
 
 @dataclass
@@ -253,8 +249,7 @@ def miss_words(spread: Spread, name: str, required: Required) -> str:
 
 def required_of(required: Required, name: str) -> float:
     """The required value of one of NAMES, in its own sign."""
-    return {"gain_low_db": -required.gain_db, "gain_high_db": required.gain_db, "phase_deg": required.phase_deg,
-            "delay_ms": required.delay_ms}[name]
+    return MARGINS[name].sign * float(getattr(required, MARGINS[name].required))
 
 
 def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, is_tracked: bool,

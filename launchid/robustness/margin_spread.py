@@ -29,7 +29,21 @@ from sim.sections import Required
 from .loops import Loops, loops, plants_of
 from .margins import frequency_grid, gain_margins, phase_margins
 
-NAMES = ("gain_low_db", "gain_high_db", "phase_deg", "delay_ms")
+
+class Margin(NamedTuple):
+    """A margin: its words, its unit, the key of [margins] that requires it, and the sign in which more is better."""
+
+    words: str
+    unit: str
+    required: str
+    sign: float = 1.0
+
+
+MARGINS = {"gain_low_db": Margin("low gain margin", "dB", "gain_db", -1.0),
+           "gain_high_db": Margin("high gain margin", "dB", "gain_db"),
+           "phase_deg": Margin("phase margin", "degrees", "phase_deg"),
+           "delay_ms": Margin("delay margin", "ms", "delay_ms")}
+NAMES = tuple(MARGINS)
 INTERVAL = 1.96        # standard deviations: 95 %
 INSIDE, ON = 48, 48    # quasi-random points: of the distribution, on the ellipsoid
 CLIMBS = 2             # of each extreme, each to where the last slope points
@@ -72,15 +86,13 @@ class Spread:
     def ends(self, name: str) -> tuple[float, float]:
         """The worse and the better end of a margin's interval, more being better."""
         interval = getattr(self, name)
-        return (-interval.high, -interval.low) if name == "gain_low_db" else (interval.low, interval.high)
+        return (-interval.high, -interval.low) if MARGINS[name].sign < 0.0 else (interval.low, interval.high)
 
     def below(self, required: Required) -> dict[str, bool]:
         """Margins whose interval begins below what is required: whether it ends there too."""
-        demands = {"gain_low_db": required.gain_db, "gain_high_db": required.gain_db, "phase_deg": required.phase_deg,
-                   "delay_ms": required.delay_ms}
         misses = {}
-        for name, demand in demands.items():
-            least, most = self.ends(name)
+        for name, margin in MARGINS.items():
+            demand, (least, most) = getattr(required, margin.required), self.ends(name)
             if least < demand:
                 misses[name] = most < demand
         return misses

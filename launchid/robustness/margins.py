@@ -67,8 +67,7 @@ def frequency_grid(period: float, delay: float) -> np.ndarray:
 
 def crossings(loop: Sampled | Loops, f: Callable[[np.ndarray], np.ndarray], omega: np.ndarray,
               gain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The crossings, where f(L) changes sign along the grid, by the Illinois secant on the exact response, which keeps
-    its bracket (Dowell and Jarratt, BIT 11, 1971).
+    """Find where f(L) changes sign along the grid, by the Illinois secant (Dowell and Jarratt, BIT 11, 1971).
 
     loop   m of them;  omega (p,) [rad/s] the grid;  gain (m, p) L on it
     f      L -> real, sign-changing at the crossing
@@ -95,27 +94,13 @@ def crossings(loop: Sampled | Loops, f: Callable[[np.ndarray], np.ndarray], omeg
 
 
 def margins(lft: Lft, delta: np.ndarray | tuple[float, float] = (0.0, 0.0)) -> Margins:
-    """Margins of the loop at each delta (m, 2) or (2,), any real."""
+    """Return the margins of the loop at each delta (m, 2) or (2,), any real, in sigma of a6 and k1."""
     delta = np.atleast_2d(np.asarray(delta, dtype=float))
     a6, k1 = lft.parameters(delta)
     with np.errstate(divide="ignore", invalid="ignore"):
-        static = -a6 / (lft.kp * k1)
-    loop = sample(lft, delta)
-    return loop_margins(loop, frequency_grid(lft.period, lft.delay), static, spectral_radius(loop) < 1.0)
-
-
-def margins_of(loops: Loops) -> Margins:
-    """Margins of m loops."""
-    grid = frequency_grid(loops.period, float(np.max(loops.whole) + 1) * loops.period)
-    return loop_margins(loops, grid, loops.static, loops.stable())
-
-
-def loop_margins(loop: Sampled | Loops, omega: np.ndarray, static: np.ndarray, stable: np.ndarray) -> Margins:
-    """Margins of m loops from their responses.
-
-    omega (p,) [rad/s] the grid;  static, stable (m,)  the critical factor at z = 1, and whether it is stable closed
-    """
-    gain = loop.gain(omega)
+        static = -a6 / (lft.kp * k1)   # the critical factor at z = 1
+    loop, omega = sample(lft, delta), frequency_grid(lft.period, lft.delay)
+    stable, gain = spectral_radius(loop) < 1.0, loop.gain(omega)
     low, high = gain_margins(loop, omega, gain, static)
     phase, delay = phase_margins(loop, omega, gain)
     modulus = _modulus_margin(loop, omega, gain)
@@ -124,7 +109,7 @@ def loop_margins(loop: Sampled | Loops, omega: np.ndarray, static: np.ndarray, s
 
 def gain_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray,
                   static: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Next critical gain factors below and above 1 (m,): those at z = 1, z = -1 and between."""
+    """Return the gain factors next below and above 1 (m,) at which 1 + g L = 0: where L is real."""
     inside = slice(0, -1)    # the last frequency is z = -1, where L is real
     which, _, at = crossings(loop, np.imag, omega[inside], gain[:, inside])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -140,7 +125,7 @@ def gain_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray,
 
 
 def phase_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least |phase| [rad] and least lag/omega [s] (m,) over the gain crossovers."""
+    """Return the least phase margin [rad] and delay margin [s] (m,): where |L| = 1."""
     which, at_omega, at = crossings(loop, lambda x: x.real**2 + x.imag**2 - 1.0, omega, gain)
     phase, delay = np.full(len(gain), np.inf), np.full(len(gain), np.inf)
     np.minimum.at(phase, which, np.abs(np.angle(-at)))

@@ -24,8 +24,8 @@ from ..monte_carlo.campaign import Job
 from .reconfigure import Flown, fly_legacy, fly_reconfigured
 
 SCENARIOS = ("box", "k1-loss", "a6-up", "both")
-LOSS = 0.45            # of k1 (issue 5)
-RISE = 0.60            # of a6 (issue 5)
+LOSS = 0.45            # of k1
+RISE = 0.60            # of a6
 CONSTANT_EVENT = 30.0  # s
 WINDOW = 1.0           # s, of an identified flight
 

@@ -80,7 +80,7 @@ NOMINAL = Belief(1.0, 1.0)
 
 @dataclass(frozen=True)
 class Rule:
-    """Gains of one nominal.  wn2 [1/s^2] = kp |k1_0| - a6_0 and rate [1/s] = kd |k1_0| are the legacy loop's."""
+    """The gain schedule of one nominal: its legacy gains, and those for another a6 and k1."""
 
     nominal: Nominal
 
@@ -264,7 +264,7 @@ class Knowing(Scheduler):
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """A flight in closed loop: its rows (n, columns of `step.COLUMNS`) and the gains (n, 2) that made them."""
+    """A flight in closed loop: its rows (n, columns of `record.ROW`) and the gains (n, 2) that made them."""
 
     rows: np.ndarray
     gains: np.ndarray

@@ -35,8 +35,7 @@ class FirstRows:
                        for name in columns}, self._path)
 
     def checked(self, nominal: Nominal, period: float, ended: bool) -> str:
-        """The check's finding, once, when there are enough rows or there will be no more; '' before, after, and if that
-        is nothing."""
+        """Return the data check's finding, once: when rows suffice or no more come.  Else ''."""
         if self._done or (self.count < min(CHECKED / period, MOST_CHECKED) and not ended):
             return ""
         try:

@@ -35,7 +35,6 @@ SPACING = 0.1         # s of the log between points of the tracked estimate, whi
 FRAME = 0.05          # s of the clock between looks at the newest numbers: 20 a second
 STAMPS = ("t", "out_since")  # of a JSON
 FIGURES = 7           # significant ones that a page is told: beyond any standard deviation
-INSTANT = 4           # decimals of a time stamp [s], whatever its origin
 CURVE = 400           # points of the nominal's profile
 MOST_ROWS = 100_000   # of a window at a rate that rows say: 9 MB
 MOST_WAITING = 4096   # pieces of the log that wait for its period: 64 rows do, among others that say nothing of it
@@ -248,7 +247,7 @@ def rounded(x: float) -> float | None:
 
 def instant(t: float) -> float | None:
     """A time stamp for a page; None for what is not finite."""
-    return number(round(t, INSTANT)) if math.isfinite(t) else None
+    return number(round(t, 4)) if math.isfinite(t) else None
 
 
 def _rounded(given: Any, name: str = "") -> Any:

@@ -45,7 +45,7 @@ def is_readable(what: int | socket.socket, patience: float) -> bool:
 
 
 class Source(Protocol):
-    """A source that can be followed."""
+    """A stream of pieces of a log."""
 
     name: str
 

@@ -80,7 +80,8 @@ def test_from_every_sample_of_three_windows_it_goes_on_to_the_same_bits(name, sa
         one.update(sample)
     end, said = one.save(), words(one)
     assert len(set(states)) == len(states)
-    for k, state in enumerate(states[:THREE_WINDOWS]):
+    for k in range(0, THREE_WINDOWS, 1 if name in ("integral", "wind") else 7):  # 7: no divisor of a window or a block
+        state = states[k]
         other.restore(state)  # over whatever the turn before left
         assert other.save() == state
         fed(other, flight[BEFORE + k:])

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from compiled import compiled
 from hypothesis import given
 from hypothesis import strategies as st
+from unjitted import unjitted
 
 from launchid_core.algebra import compress
 from launchid_core.algebra.compress import MODULUS, MULTIPLIER, first_state
 from launchid_core.config import MAX_ROWS
 
-choose_rows = compiled(compress.choose_rows)
+choose_rows = unjitted(compress.choose_rows)
 
 seeds = st.integers(0, 2**40)
 

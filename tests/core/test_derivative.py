@@ -4,14 +4,14 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from compiled import compiled
 from hypothesis import given
 from hypothesis import strategies as st
+from unjitted import unjitted
 
 from launchid_core.algebra import derivative
 from launchid_core.algebra.derivative import STENCIL
 
-differentiate, mark_segments = compiled(derivative.differentiate), compiled(derivative.mark_segments)
+differentiate, mark_segments = unjitted(derivative.differentiate), unjitted(derivative.mark_segments)
 
 EPS = np.finfo(np.float64).eps
 STEP = 1 / 64  # [s] one count of the irregular clocks below: sums of it are exact

@@ -5,10 +5,10 @@ from decimal import Decimal, getcontext
 
 import numpy as np
 import pytest
-from compiled import compiled
 from every import every
 from hypothesis import given
 from hypothesis import strategies as hs
+from unjitted import unjitted
 
 from launchid_core.algebra.elementary import FAR, LARGEST, SMALLEST, TURN, cos_of, erfc_of, exp_of, log_of, sin_of
 
@@ -82,7 +82,7 @@ def test_at_the_edges(function, x, value):
 
 @pytest.mark.parametrize("function", [exp_of, log_of, erfc_of, sin_of, cos_of])
 def test_compiled_and_not_they_are_the_same_bits(function):
-    rng, made = np.random.default_rng(1), compiled(function)
+    rng, made = np.random.default_rng(1), unjitted(function)
     for x in [*rng.uniform(-5.0, 25.0, 300), *rng.uniform(0.0, 2.0, 300), *10.0**rng.uniform(-300, 300, 300),
               *rng.uniform(-FAR, FAR, 300)]:
         assert repr(float(function(float(x)))) == repr(float(made(float(x)))), x

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from compiled import compiled
 from cut import cut_of
 from hypothesis import given
 from hypothesis import strategies as hs
+from unjitted import unjitted
 
 from launchid.bound.flights import flight_bound
 from launchid.identification.windows import onboard_model, run
@@ -28,7 +28,7 @@ linalg = pytest.importorskip("scipy.linalg")
 PERIOD = 0.01
 
 
-absorb_rows, fill_transition, profile_at, set_step, take_sample = map(compiled, (
+absorb_rows, fill_transition, profile_at, set_step, take_sample = map(unjitted, (
     linsolve.absorb_rows, tn.fill_transition, bl.profile_at, sv.set_step, fl.take_sample))
 
 
@@ -145,7 +145,7 @@ def test_score_of_the_noise_levels_is_the_slope_of_a_plain_filters_likelihood(se
 
 def test_information_of_the_noise_levels_is_the_spread_of_their_score():
     """Fisher's identity, over logs drawn from the filter's own model, at the levels that made them."""
-    logs, rows = 120, 150
+    logs, rows = 120, 25
     random = np.random.default_rng(4)
     std = np.sqrt(parts().fixed.belief.variance)
     f = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)

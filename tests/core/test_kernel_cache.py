@@ -194,7 +194,8 @@ def test_nothing_of_the_core_depends_on_another_package():
         assert all(file.is_relative_to(ROOT / "launchid_core") for file in cache.looked_through(path)[1])
 
 
-@pytest.mark.parametrize("variables", [{"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_OPT": "1"}])
+@pytest.mark.parametrize("variables", [{"NUMBA_BOUNDSCHECK": "1"},
+                                       pytest.param({"NUMBA_OPT": "1"}, marks=pytest.mark.campaign)])
 def test_numba_s_settings_are_told_apart(toy, variables):
     toy.run()
     assert toy.run(**variables) == COLD
@@ -221,7 +222,7 @@ def test_numba_s_own_variable_is_honoured(toy):
     assert len(toy.kept("mine")) == 3 and toy.kept() == []
 
 
-@pytest.mark.parametrize("chosen", [False, True])
+@pytest.mark.parametrize("chosen", [False, pytest.param(True, marks=pytest.mark.campaign)])
 def test_a_host_s_own_kernels_stay_where_numba_puts_them(toy, chosen):
     mine = toy.root / ("mine" if chosen else "__pycache__")
     variables = {"NUMBA_CACHE_DIR": str(mine)} if chosen else {}

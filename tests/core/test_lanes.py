@@ -5,7 +5,7 @@ import math
 import numba
 import numpy as np
 import pytest
-from compiled import as_written
+from unjitted import unjitted_module
 
 from launchid_core.algebra import lanes
 
@@ -20,7 +20,7 @@ CASES = {  # loop -> its call
     "largest_size": (lambda f, y, x, s, c, i, j: f(x, i, j))}
 
 
-WRITTEN = as_written(lanes)
+WRITTEN = unjitted_module(lanes.__name__)
 
 
 def called(name):

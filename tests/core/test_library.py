@@ -5,10 +5,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from compiled import compiled
 from every import every
 from hypothesis import given
 from hypothesis import strategies as st
+from unjitted import unjitted
 
 from launchid_core.algebra import library
 from launchid_core.algebra.library import (
@@ -28,7 +28,7 @@ from launchid_core.algebra.library import (
     term_name,
 )
 
-function_value, library_column, raw_from_standard = map(compiled, (
+function_value, library_column, raw_from_standard = map(unjitted, (
     library.function_value, library.library_column, library.raw_from_standard))
 
 EPS = np.finfo(np.float64).eps

@@ -5,16 +5,16 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from compiled import compiled
 from every import every
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from nist import DATASETS
+from unjitted import unjitted
 
 from launchid_core.algebra import lanes, linsolve, sparse
 from launchid_core.algebra.linsolve import EPS
 
-apply_q_transposed, dot, invert, pivot_ratio, qr_factor, scale_columns, solve_triangle = map(compiled, (
+apply_q_transposed, dot, invert, pivot_ratio, qr_factor, scale_columns, solve_triangle = map(unjitted, (
     linsolve.apply_q_transposed, lanes.dot, sparse.invert, linsolve.pivot_ratio, linsolve.qr_factor,
     linsolve.scale_columns, linsolve.solve_triangle))
 

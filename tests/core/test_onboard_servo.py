@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 import pytest
-from compiled import compiled
 from cut import cut_of, persisting
+from unjitted import unjitted
 
 import launchid
 from launchid.bound.flights import flight_bound
@@ -23,7 +23,7 @@ CONSTANT = load_nominal("constant")
 SIGMA = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
 PERIOD, SECONDS = 0.01, 25.0
 NAN = math.nan
-set_unknown_step, restart_servo = map(compiled, (us.set_unknown_step, us.restart_servo))
+set_unknown_step, restart_servo = map(unjitted, (us.set_unknown_step, us.restart_servo))
 
 
 def with_servo(nominal: Nominal = CONSTANT, **changes: float) -> Nominal:
@@ -160,7 +160,7 @@ def responses(about: tuple[float, float, float], h: float = PERIOD) -> np.ndarra
     cut = cut_of(config())
     belief, fil, work = cut.fixed.belief, cut.state.filter, cut.work.filter
     fil.servo.about[:] = about
-    compiled(us.believe_servo)(belief, fil)
+    unjitted(us.believe_servo)(belief, fil)
     fil.servo.number[us.NEXT_STEP] = h
     set_unknown_step(belief, fil, work)
     return fil.servo.response.copy()

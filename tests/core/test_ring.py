@@ -8,12 +8,12 @@ import math
 
 import numpy as np
 import pytest
-from compiled import compiled
 from cut import persisting
 from every import every
 from hypothesis import given, settings
 from hypothesis import strategies as hs
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from unjitted import unjitted
 
 from launchid_core import Config, Estimator, Sample, Status
 from launchid_core.gate import guard
@@ -72,7 +72,7 @@ def closed_rows(estimator: Estimator) -> np.ndarray:
     """(rows, 6) of the window that just closed, read out of the ring."""
     signal = np.full((rb.N_COLUMNS, estimator.config.rows), np.nan)
     ring, counts = estimator._memory.apart["ring"], estimator._parts.state.counts
-    n, left_out = compiled(rb.copy_window)(ring, counts, np.full(rb.N_COLUMNS, INF), signal)
+    n, left_out = unjitted(rb.copy_window)(ring, counts, np.full(rb.N_COLUMNS, INF), signal)
     assert left_out == 0
     return signal[:, :n].T
 
@@ -233,7 +233,7 @@ def push_all(stamps: np.ndarray, window: float, period: float) -> list[int]:
     limits, clock = np.full(rb.N_LIMITS, 1e12), np.zeros(rb.N_CLOCK)
     limits[rb.PERIOD], limits[rb.WINDOW], limits[rb.MAX_GAP] = period, window, 1.5 * period
     count, ring = np.zeros(rb.N_COUNT, np.int64), np.zeros((round(window / period) + 1, rb.N_COLUMNS))
-    push = compiled(rb.push)
+    push = unjitted(rb.push)
     return [push(limits, clock, count, ring, t, 0.1, 0.2, 0.3, NAN, NAN, NAN) for t in stamps.tolist()]
 
 

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from compiled import compiled
 from cut import scratch
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from unjitted import unjitted
 
 from launchid_core import SOLVERS
 from launchid_core.algebra import sparse
@@ -21,8 +21,8 @@ from launchid_core.algebra.sparse import (
 )
 from launchid_core.order.table import SPARSE, WHOLE
 
-factor_whole, refit = map(compiled, (sparse.factor_whole, sparse.refit))
-solve_stls, solve_ssr, solve_own, solve_lasso, solve_sr3 = map(compiled, (
+factor_whole, refit = map(unjitted, (sparse.factor_whole, sparse.refit))
+solve_stls, solve_ssr, solve_own, solve_lasso, solve_sr3 = map(unjitted, (
     sparse.solve_stls, sparse.solve_ssr, sparse.solve_own, sparse.solve_lasso, sparse.solve_sr3))
 
 EPS = np.finfo(np.float64).eps

@@ -1,6 +1,6 @@
 """Every command of the README and the pages runs as it stands there, in an empty folder, one after the other.
 
-Quick ones of the first pages in every run, in this process; with `-m campaign` all of them, by a shell.  What a page
+Quick ones of the README in every run, in this process; with `-m campaign` all of them, by a shell.  What a page
 shows as a file (a block whose first line is `# NAME`) is written beforehand, and so are the logs that it presumes.
 """
 
@@ -36,7 +36,6 @@ ELSEWHERE = {   # what begins so is run elsewhere, or is no command of this proj
     "python benchmarks/real_fetched.py": "says how to fetch what is not shipped",
     "launchid campaign vega_like --merge": "merges what a cluster's jobs wrote"}
 QUICK = ("simulate", "identify", "uncertainty", "effects", "convert")  # a second or so each, kernels being compiled
-FIRST_PAGES = [ROOT / "README.md", *(ROOT / "docs" / f"{name}.md" for name in ("start", "howto", "commands"))]
 WRITES = ("--out", "--json", "--plot", "--resid", "--report")
 ENDLESS = "launchid watch"       # without --once it ends by Ctrl-C
 PATIENCE = 30.0                  # s that one is watched
@@ -140,11 +139,10 @@ def test_commands_are_collected():
     assert len(lines["howto.md"]) >= 12 and len(lines["commands.md"]) >= 13 and len(lines["README.md"]) >= 13
 
 
-@pytest.mark.parametrize("page", FIRST_PAGES, ids=lambda page: page.name)
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT", "0") != "0", reason="minutes without compiled kernels")
-def test_the_quick_commands_of_a_page_run_as_written(page, tmp_path, monkeypatch, capsys):
+def test_the_quick_commands_of_the_readme_run_as_written(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    for words in quick(prepared(page, tmp_path)):
+    for words in quick(prepared(ROOT / "README.md", tmp_path)):
         assert main(words) == 0, f"launchid {shlex.join(words)}: {capsys.readouterr().err}"
         assert all((tmp_path / name).exists() for name in outputs_of(words) - {"-"})
 

@@ -6,9 +6,9 @@ import math
 import control
 import numpy as np
 import pytest
-from compiled import compiled
 from every import every
 from scipy.signal import bilinear, freqz, lfilter
+from unjitted import unjitted
 
 from launchid.cli.main import main
 from launchid.log.log import read_log
@@ -161,7 +161,7 @@ def test_filters_are_scipy_s(sections):
     for section in sections:
         expected = lfilter(section.b, section.a, expected)
     rows = np.array([(*section.b, *section.a[1:], 0.0, 0.0) for section in sections], SECTION)
-    assert np.allclose([compiled(filtered)(rows, value) for value in x], expected, rtol=0.0, atol=1e-13)
+    assert np.allclose([unjitted(filtered)(rows, value) for value in x], expected, rtol=0.0, atol=1e-13)
 
 
 @pytest.mark.parametrize("law", [{}, RATE])

@@ -1,15 +1,16 @@
 """The causes as extensions of the simulator: neutral to the bit, each by its equation or law, by file and by words."""
 
 import dataclasses
+import functools
 import math
 import tomllib
 
 import numpy as np
 import pytest
-from compiled import compiled
 from every import every
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from unjitted import unjitted
 
 from launchid.cli.main import main
 from launchid_core import LIBRARIES
@@ -89,6 +90,11 @@ def bits(flight: Flight) -> bytes:
     return b"".join(getattr(flight, name).tobytes() for name in COLUMNS)
 
 
+@functools.cache
+def without_effects(suite: str) -> bytes:
+    return bits(fly_whole(short(), 3, suite))
+
+
 def neutral(name: str) -> Effect:
     """The effect at its neutral values; what has none at any."""
     return effect(name, **{p.name: REQUIRED[p.name] if p.neutral is None else p.neutral
@@ -108,8 +114,7 @@ def test_catalogue_is_the_contract_s_table():
 @pytest.mark.parametrize("suite", SUITES)
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_neutral_effect_changes_no_bit(name, suite):
-    nominal = short()
-    plain = bits(fly_whole(nominal, 3, suite))
+    nominal, plain = short(), without_effects(suite)
     assert bits(fly_whole(nominal, 3, suite, effects=[neutral(name)])) == plain
     assert bits(fly_whole(dataclasses.replace(nominal, effects=(neutral(name),) * 2), 3, suite)) == plain
 
@@ -119,14 +124,12 @@ def test_all_neutral_effects_change_no_bit_of_a_varying_vehicle():
     assert bits(fly_whole(nominal, 1, effects=map(neutral, CATALOGUE))) == bits(fly_whole(nominal, 1))
 
 
-@pytest.mark.parametrize("suite", SUITES)
 @pytest.mark.parametrize("text", sorted(STRONG))
-def test_effect_shows_and_flies_alike_whole_and_one_by_one(text, suite):
-    nominal = dataclasses.replace(short(), effects=(from_text(text),))
-    flight = fly_whole(nominal, 3, suite)
-    assert bits(flight) != bits(fly_whole(short(), 3, suite))
-    assert bits(flight) == bits(fly_whole(short(), 3, suite, effects=[from_text(text)]))
-    one_by_one = np.array(list(fly(short(), 3, suite, effects=[from_text(text)])))
+def test_effect_shows_and_flies_alike_whole_and_one_by_one(text):
+    flight = fly_whole(dataclasses.replace(short(), effects=(from_text(text),)), 3)
+    assert bits(flight) != without_effects("flight")
+    assert bits(flight) == bits(fly_whole(short(), 3, effects=[from_text(text)]))
+    one_by_one = np.array(list(fly(short(), 3, effects=[from_text(text)])))
     assert one_by_one.tobytes() == np.array(list(flight.samples())).tobytes()
 
 
@@ -233,8 +236,8 @@ def test_missing_term_is_the_library_s_term(name):
     plain = np.zeros(1, FLIGHT)[0]
     for state in np.random.default_rng(0).uniform(-1, 1, (20, 3)):
         raw = np.array([*state, 0.0])
-        compiled(library.library_column)(code, raw.reshape(4, 1), raw[code[5]:code[5] + 1], 1, row)
-        moment = compiled(acceleration)(plain, None, terms, 0.0, 0.0, 0.0, *state)
+        unjitted(library.library_column)(code, raw.reshape(4, 1), raw[code[5]:code[5] + 1], 1, row)
+        moment = unjitted(acceleration)(plain, None, terms, 0.0, 0.0, 0.0, *state)
         assert moment == pytest.approx(-2.5 * row[0], rel=1e-15)
 
 

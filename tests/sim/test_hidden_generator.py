@@ -157,7 +157,7 @@ def test_clean_flight_is_the_exact_solution_of_the_linear_loop():
         assert rms(flown[name] - column) < 1e-7 * rms(column), name
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.00025, 0.001, 0.01, 0.0325])
+@pytest.mark.parametrize("delay", [0.0, 0.00025, 0.0325])
 def test_actuator_delay_is_what_it_says(delay):
     """The nozzle answers the logged command exactly `delay` later."""
     effects = (hide("actuator_delay", {"delay": delay}),) if delay else ()
@@ -344,8 +344,8 @@ CLEAN = {seed: fly(Spec(seed=seed))[0] for seed in (11,)}
 
 
 @pytest.mark.parametrize(("name", "variant"), [
-    *((name, PLAIN) for name in (*LISTED, *UNLISTED)),
-    *(pytest.param(name, OTHER, marks=pytest.mark.campaign if name in ALIKE else ()) for name in LISTED)])
+    *((name, PLAIN) for name in (*CHANCE, *UNLISTED)), *((name, OTHER) for name in LISTED if name not in ALIKE),
+    *(pytest.param(name, variant, marks=pytest.mark.campaign) for name in ALIKE for variant in (PLAIN, OTHER))])
 def test_every_effect_flies_and_shows(name, variant):
     spec = dataclasses.replace(draw_spec(11, name, factor=1.0, variant=variant), noise=Noise(), dispersion=(0.0, 0.0),
                                rate=100.0)
@@ -365,7 +365,8 @@ SIZE_RANGE = 1.35  # and the ratio of their sizes, either way
 @pytest.mark.parametrize("cause", ALIKE)
 def test_other_form_does_much_the_same(cause):
     sign = -1.0 if cause == "actuator_bandwidth" else 1.0
-    plain, other = (change(quiet(cause_at(cause, 1.0, sign, variant)), undisturbed()) for variant in (PLAIN, OTHER))
+    plain, other = (change(quiet(cause_at(cause, 1.0, sign, variant), duration=ENOUGH), undisturbed())
+                    for variant in (PLAIN, OTHER))
     cosine = plain @ other / (np.linalg.norm(plain) * np.linalg.norm(other))
     ratio = np.linalg.norm(other) / np.linalg.norm(plain)
     assert not np.array_equal(plain, other)
@@ -405,14 +406,13 @@ def disagreement(nominal, effects, **fields):
     return max(rms(getattr(theirs, name) - flown[name]) / rms(flown[name]) for name in COLUMNS)
 
 
-@pytest.mark.parametrize("rate", [50.0, 100.0, 200.0])
-@pytest.mark.parametrize("nominal", NAMES)
+@pytest.mark.parametrize(("nominal", "rate"), [*zip(NAMES, (50.0, 100.0, 200.0), strict=True)])
 def test_clean_flight_agrees_with_the_project(nominal, rate):
     assert disagreement(nominal, (), rate=rate) < 1e-8
 
 
 @pytest.mark.parametrize(("nominal", "sign"), [
-    ("constant", -1.0), ("vega_like", 1.0), pytest.param("constant", 1.0, marks=pytest.mark.campaign)])
+    ("constant", -1.0), *(pytest.param(name, 1.0, marks=pytest.mark.campaign) for name in ("constant", "vega_like"))])
 @pytest.mark.parametrize("cause", [cause for cause in LISTED if cause not in CHANCE])
 def test_every_cause_agrees_with_the_project(cause, nominal, sign):
     hidden = LISTED[cause](3.0, np.random.default_rng(5), nominal, sign=sign)
@@ -431,7 +431,7 @@ def test_pairs_agree_with_the_project(seed):
 SCATTER = 0.12  # relative, of a standard deviation from 4 flights with some 50 independent stretches each
 
 
-@pytest.mark.parametrize("nominal", ["constant", "vega_like"])
+@pytest.mark.parametrize("nominal", [pytest.param("constant", marks=pytest.mark.campaign), "vega_like"])
 def test_noise_does_the_same_as_the_project_s(nominal):
     """Standard deviation of every measured column about the noise-free flight, and of its row-to-row changes."""
     quiet_ones = quiet(nominal=nominal), vars(fly_whole(SILENT[nominal]))
@@ -487,7 +487,7 @@ def test_times_fall_into_the_flight(nominal):
         assert 5.0 < flip["at_s"] and flip["at_s"] + flip["length_s"] < end
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("nominal", ["constant", "vega_like"])
 def test_rough_reference_is_another_of_similar_amplitude(nominal, seed):
     flown, label = fly(Spec(nominal=nominal, seed=seed, reference="rough"))

@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 import pytest
-from compiled import compiled
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 from test_diagnosis import log_of
 from test_effects_outside import MODEL_A6, MODEL_K1, PERIOD, exact, probed, short
+from unjitted import unjitted
 
 from launchid.bound.flights import flight_bound
 from launchid.diagnosis.verdict import diagnose
@@ -31,7 +31,7 @@ from sim.vehicle.record import FLIGHT
 NONE = math.inf  # rad/s, of a rate limit
 POLES = st.floats(math.log(5.0), math.log(1.0e4)).map(math.exp)  # rad/s
 DAMPINGS = st.floats(0.2, 0.99)
-EXAMPLES = 12    # diagnoses of half a second
+EXAMPLES = 6     # diagnoses of half a second
 
 
 def first_order(pole):
@@ -57,7 +57,7 @@ def moved(frequency, damping, is_lag, h, start, rate=NONE):
                         ("first_order", is_lag), ("rate_limit", rate), ("rate_reach", rate), ("beta", beta),
                         ("beta_dot", beta_dot)):
         setattr(own, name, value)
-    integrals = compiled(servo_motion)(own, np.full(1, math.nan, FREE)[0], h, command)
+    integrals = unjitted(servo_motion)(own, np.full(1, math.nan, FREE)[0], h, command)
     return own.beta, own.beta_dot, *integrals
 
 
@@ -146,25 +146,19 @@ def test_no_servo_is_too_fast_to_fly(servo, text):
     assert np.std(fast.theta - plain.theta) < 0.02 * np.std(plain.theta)
 
 
-FOLLOWED = st.floats(20.0, 250.0)  # rad/s: at 100 Hz a faster one ends within a row (docs/limits.md)
+ANY = st.floats(math.log(20.0), math.log(6.0e4)).map(math.exp)  # rad/s: from 300 on it ends within a row of 100 Hz
 
 
 @pytest.mark.filterwarnings("error")
-@given(servo=st.one_of(FOLLOWED.map(first_order), st.builds(
-    lambda w, zeta: {"natural_frequency": w, "damping_ratio": zeta}, FOLLOWED, st.floats(0.5, 0.99))),
+@given(servo=st.one_of(ANY.map(first_order), st.builds(
+    lambda w, zeta: {"natural_frequency": w, "damping_ratio": zeta}, ANY, st.floats(0.5, 0.99))),
     seed=st.integers(0, 1000))
 @settings(max_examples=EXAMPLES)
-@example(servo=first_order(60.0), seed=1)
+@example(servo=first_order(1000.0), seed=1)
 def test_a_clean_flight_is_consistent_whatever_its_servo(servo, seed):
     nominal = short(15.0, actuator=servo)
     made = diagnose(log_of(fly_whole(nominal, seed)), nominal)
     assert made.verdict == "consistent", made.named
-
-
-@pytest.mark.xfail(strict=True, reason="the held command noise of a row is taken for white: the acceleration's grows")
-def test_a_clean_flight_is_consistent_with_a_servo_that_ends_within_a_row():
-    nominal = short(15.0, actuator=first_order(1000.0))
-    assert diagnose(log_of(fly_whole(nominal, 1)), nominal).verdict == "consistent"
 
 
 def test_a_servo_in_two_forms_is_one_servo_to_the_bound():

@@ -28,7 +28,6 @@ LONGEST_LAG = 6.0       # periods of computing time searched
 LAG_STEP = 0.05         # periods
 ALL_FILTERS = np.geomspace(0.05, 20.0, 60)  # of the derivative's time constant
 WHOLE_LAGS = (0.0, 1.0, 2.0, 3.0)  # periods of computing time tried with each
-HUNDRED_MILLIONTH = 40  # golden sections between two of them, to so much of their distance
 FORGOTTEN = 1e-5        # of what filters remember: less is nothing
 COMMENSURATE = 1e-6     # relative, of the controller's period to the log's grid
 
@@ -228,7 +227,7 @@ class _Parts(NamedTuple):
 
 
 def _filter(told: _Told) -> ControllerCheck | None:
-    """The derivative's time constant that with gains and computing time would explain the difference best."""
+    """Fit the derivative's time constant with gains and delay; None if the nominal has no filter."""
     controller = told.record.nominal.controller
     assert controller is not None
     if controller.derivative_time_constant <= 0.0:
@@ -242,5 +241,5 @@ def _filter(told: _Told) -> ControllerCheck | None:
     k = int(np.argmin([check.after for check in tries]))
     lag = (tries[k].delay / _period(told.record),)
     tau = lowest(lambda tau: best_with(tau, lag).after, float(taus[max(k - 1, 0)]),
-                 float(taus[min(k + 1, len(taus) - 1)]), HUNDRED_MILLIONTH)
+                 float(taus[min(k + 1, len(taus) - 1)]), 40)  # golden sections: to 1e-8 of the bracket
     return best_with(tau, lag)

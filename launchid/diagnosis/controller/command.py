@@ -31,7 +31,6 @@ from .ticks import (
     ticks_of,
 )
 
-LONGEST_LOST = 0.5  # s of a gap: in a longer one the command is taken to wander no further
 LONGEST_HELD = 10  # rows of one command: over more nobody commands
 UNSURE = 0.03    # nats a row that a command may feign which no row saw (`measure`)
 HELD = 0.2       # of the rows repeat their command: the log is faster than what issues it
@@ -81,7 +80,6 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     lost = ~known if source == "beta" else ~known & ~np.isfinite(draft.z).any(axis=1)
     rows = np.arange(draft.rows)
     if lost.any():
-        draft = replace(draft, lost=lost, unknown=off_by(command, lost, draft.every * draft.step))
         command = np.where(lost, np.interp(rows, rows[known], command[known]), command)
         known = known | lost
     issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
@@ -111,26 +109,8 @@ def _between_rows(draft: Record, ticks: Ticks, logged: np.ndarray) -> Record:
     line, off, jumps = carried(logged)
     unseen = np.flatnonzero(~np.isfinite(commands))
     commands[unseen] = np.interp(unseen, ticks.of(draft.at), line)
-    a_row = len(unseen) / draft.rows
-    draft = in_doubt(between(draft, ticks, logged), _rms(off[~jumps]), a_row)
-    if jumps.any() and (draft.fine > 1 or not np.isfinite(draft.reference).any()):
-        draft = _with_jumps(draft, jumps, _rms(off[jumps]) * a_row / (1.0 + a_row))
+    draft = in_doubt(between(draft, ticks), float(np.sqrt(np.mean(off[~jumps]**2))), len(unseen) / draft.rows)
     return replace(draft, commands=over_grid(ticks, draft, commands), input="beta_cmd")
-
-
-def _with_jumps(draft: Record, jumps: np.ndarray, off: float) -> Record:
-    """The record with the rows beside jumps (n,) bool of its command lost, too: when it jumped decides what the nozzle
-    did, off by so much [rad]."""
-    beside = jumps | np.append(jumps[1:], False)
-    lost = beside if draft.lost is None else beside | draft.lost
-    before = 0 if draft.lost is None else np.count_nonzero(draft.lost)
-    total = before * draft.unknown**2 + np.count_nonzero(beside) * off**2
-    return replace(draft, lost=lost, unknown=math.sqrt(total / np.count_nonzero(lost)))
-
-
-def _rms(x: np.ndarray) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(x**2)))
 
 
 def _held(draft: Record, command: np.ndarray) -> Record:
@@ -159,10 +139,10 @@ def _answered(draft: Record) -> Record:
     none = np.full(draft.rows, math.nan)
     own = ticks_of(draft, none)
     if own is None:
-        return _with_lost(replace(draft, commands=recomputed(draft), input="controller"))
+        return replace(draft, commands=recomputed(draft), input="controller")
     commands = _recomputed_at(own, draft)
-    draft = in_doubt(between(draft, own, none), of_noise(draft), len(commands) / draft.rows - (draft.fine == 1))
-    return _with_lost(replace(draft, commands=over_grid(own, draft, commands), input="controller"))
+    draft = in_doubt(between(draft, own), of_noise(draft), len(commands) / draft.rows - (draft.fine == 1))
+    return replace(draft, commands=over_grid(own, draft, commands), input="controller")
 
 
 def of_noise(r: Record) -> float:
@@ -183,34 +163,6 @@ def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:
             same = inside & ((rows - phase) // held == (other - phase) // held) & ~np.isfinite(made)
             made[same] = command[other[same]]
     return made
-
-
-def off_by(command: np.ndarray, lost: np.ndarray, period: float) -> float:
-    """[rad] RMS a lost row by which its command is off the line over its gap, such that independent errors of so much
-    move the vehicle as far by the gap's end as the true ones: as they would in gaps as long where nothing was lost.
-
-    command (n,) [rad], NaN where there is none;  lost (n,) bool;  period [s] of the rows
-    """
-    there = np.isfinite(command)
-    total = np.concatenate([[0.0], np.cumsum(np.where(there, command, 0.0))])
-    count = np.concatenate([[0], np.cumsum(there)])
-    edges = np.diff(np.concatenate([[0], lost.astype(int), [0]]))
-    longest = min(max(1, round(LONGEST_LOST / period)), len(command) // 4)
-    lengths = np.minimum(np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1), longest)
-    square = 0.0
-    for length, gaps in zip(*np.unique(lengths, return_counts=True), strict=True):
-        whole = count[length + 2:] - count[:-length - 2] == length + 2
-        inner = total[length + 1:-1] - total[1:-length - 1]
-        line = 0.5 * length * (command[:-length - 1] + command[length + 1:])
-        square += gaps * float(np.mean((inner - line)[whole]**2)) if whole.any() else gaps * np.nanvar(command)
-    return float(math.sqrt(square / lengths.sum()))
-
-
-def _with_lost(r: Record) -> Record:
-    """The record with its rows without an attitude, which the controller saw, where commands are recomputed."""
-    lost = ~np.isfinite(r.z[:, THETA])
-    issued = np.where(lost, math.nan, r.commands[::r.every // r.tick])
-    return replace(r, lost=lost, unknown=off_by(issued, lost, r.every * r.step)) if lost.any() else r
 
 
 def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) -> np.ndarray:

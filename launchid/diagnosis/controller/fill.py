@@ -53,7 +53,7 @@ def errors_seen(record: Record, attitude: np.ndarray) -> np.ndarray:
 
 
 def shifted(x: np.ndarray, by: int) -> np.ndarray:
-    """The array later by whole places, its first value before."""
+    """Delay an array by `by` places, repeating its first value."""
     by = min(by, len(x))
     return x if by == 0 else np.concatenate([np.repeat(x[:1], by, axis=0), x[:-by]])
 

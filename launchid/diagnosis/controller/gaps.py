@@ -34,7 +34,6 @@ MEANS = (8, 32)        # rows, of innovations: over longer times they would take
 COLOURED = 0.3         # correlation from gap to gap: more is neither noise nor a sensor's fault,
 BY_CHANCE = 4.0        # if it is also more than so many of its standard deviations in white noise, 1/sqrt(gaps)
 NEAR_FILTERS = np.geomspace(0.2, 5.0, 41)  # of the derivative's time constant
-TEN_THOUSANDTH = 20    # golden sections between two of them, to so much of their distance
 
 
 class Seen(NamedTuple):
@@ -123,13 +122,13 @@ class Gaps:
 
         taus = self.own.tau * NEAR_FILTERS
         k = int(np.argmin([after(float(tau)) for tau in taus]))
-        tau = lowest(after, float(taus[max(k - 1, 0)]), float(taus[min(k + 1, len(taus) - 1)]), TEN_THOUSANDTH)
+        tau = lowest(after, float(taus[max(k - 1, 0)]), float(taus[min(k + 1, len(taus) - 1)]),
+                     20)  # golden sections: to 1e-4 of the bracket
         best = self.left(tau, free)
         return replace(best, numbers=best.numbers + 1)
 
     def is_noise(self, rest: np.ndarray, most: float = NOISE) -> bool:
-        """Whether what is left is white, and at most so many times what the noise of an attitude that the log does not
-        have leaves in a gap."""
+        """Test that `rest` is white and its rms at most `most` times what the attitude's noise leaves in a gap."""
         own = self.own
         small = most * self.noise * own.kd * own.period / (own.tau + own.period)**2
         colour = float(np.mean(rest[1:] * rest[:-1])) / rms(rest)**2

@@ -10,14 +10,15 @@ FEWEST = 20             # commands, or gaps between them, without which nothing 
 
 @dataclass(frozen=True)
 class ControllerCheck:
-    """rms [rad] of logged less recomputed command, before and after the best explanation.
+    """How the logged commands differ from the nominal controller's.
 
+    before, after  rms [rad] of the difference, and after the best explanation
     kind         "gain", "delay", "filter", these joined by " and ", "unknown", or "none" when it is the nominal's
     delay        [s] of computing time
     std          of kp_scale, kd_scale, delay
-    evidence     nats, as if the difference were white noise
+    evidence     nats, for a white difference
     time_constant  [s] of the derivative, where that is part of the explanation
-    integral_scale  of a rate's law, where another gain of the integral is the explanation
+    integral_scale  of ki, in a rate law, where that is the explanation
     """
 
     kind: str

@@ -107,20 +107,15 @@ def _told(at: np.ndarray, command: np.ndarray, period: float, limit: float) -> T
     return Ticks(middle - period if middle > 0.0 else middle, period, len(turns) * period / PHASES / math.sqrt(12.0))
 
 
-def between(record: Record, ticks: Ticks, command: np.ndarray) -> Record:
-    """The record of rows between these ticks; rows at them need none of it.  Its servo's timing is as free as the ticks
-    are unknown, and its samples as old as they may be, where they do not change from row to row while a command (n,)
-    [rad] holds."""
+def between(record: Record, ticks: Ticks) -> Record:
+    """The record of rows between these ticks, whose servo's timing is as free as the ticks are unknown."""
     if ticks.spread == 0.0:
         return record
     own, diagnosis = record.nominal.controller, record.nominal.diagnosis
     assert own is not None
     unknown = ticks.spread / ticks.period * own.period
     timed = replace(record.nominal, diagnosis=replace(diagnosis, timing=math.hypot(diagnosis.timing, unknown)))
-    same = np.diff(command) == 0.0
-    known = np.count_nonzero(same) >= FEWEST and all(
-        np.mean(np.abs(np.diff(values)[same]) > 0.0) > 0.5 for values in record.z.T if np.isfinite(values).any())
-    return replace(record, nominal=timed, age=unknown * math.sqrt(12.0) if known else own.period)
+    return replace(record, nominal=timed)
 
 
 def issued_at(ticks: Ticks, record: Record, command: np.ndarray) -> np.ndarray:

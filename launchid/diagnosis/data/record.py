@@ -60,14 +60,12 @@ class Record:
     held        rows that share one command and its noise, 1 unless the log is faster than the controller;
                 held_phase: rows from the first to the first at which a command is issued
     logged      (n,) bool, rows that hold their command; None: the command is none of the log's
-    lost        (n,) bool, rows that the log does not have; their command is off by `unknown` [rad], one sigma
     at          (n,) steps from the first row to each;  fine  ticks a row, of parts of a command (rows between ticks)
     wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
     thinned     every so many of the log's rows are left (`used`), all commands between them known
     between     [rad] one sigma by which commands that no row saw are off
     unsure      [nats] a row that these commands may feign, so that a cause must explain more
     law         of the nominal, of a rate or with filters: only whether the log's commands are its own is asked
-    age         [s] by which what the logger read may be older than its stamp: more is a delay
     shift       [s] log's clock = grid's clock + shift
     """
 
@@ -88,12 +86,9 @@ class Record:
     held_phase: int = 0
     between: float = 0.0
     unsure: float = 0.0
-    age: float = 0.0
     law: Controller | None = None
     rate_reference: np.ndarray = field(default_factory=lambda: np.zeros(0))   # (n,) rad/s, NaN where not known
     logged: np.ndarray | None = None
-    lost: np.ndarray | None = None   # none is
-    unknown: float = 0.0
     at: np.ndarray = None  # type: ignore[assignment]  # left out: uniform
     fine: int = 1
     wind: np.ndarray = field(default_factory=lambda: np.zeros(0))

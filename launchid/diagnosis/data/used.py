@@ -19,7 +19,6 @@ from .record import LONGEST_STEP, Record
 
 MOST = 8_000           # rows that are fitted: 80 s at 100 Hz
 SINE = "sin(theta)"    # the term of a body that swings, beside a6
-NEARLY = 1.0 + 1e-9    # of the longest step: rounding
 SLOWEST = 0.02         # s between rows that are kept of a faster log: two fifths of a servo's time constant of 0.05 s
 RESOLVED = 0.3         # rad of the nominal's own motion, of frequency |a6|^1/2, between them: 20 rows a period
 
@@ -63,8 +62,7 @@ def _every(rows: int, period: float, longest: float, most: int) -> int:
 
 
 def shortened(record: Record, most: int = MOST) -> Record:
-    """The record, as long as one may be that will be thinned, so that nothing is computed for rows that are not
-    used."""
+    """Cut the record to the most rows that `used` can thin to `most`; further rows would not be used."""
     if record.rows <= most:
         return record
     longest = most * _every(record.rows, record.period, slowest(record.nominal, record.a6), most)
@@ -107,23 +105,15 @@ def thinned(record: Record, every: int) -> Record:
     return replace(record, z=some(record.z), reference=some(record.reference), at=at,
                    first_step=record.first_step + begin, every=record.every * every, tick=record.tick * merged,
                    commands=commands, logged=None if record.logged is None else some(record.logged),
-                   held=1, lost=_lost(record, every), unknown=record.unknown / every, unsure=record.unsure * every,
+                   held=1, unsure=record.unsure * every,
                    held_phase=0, thinned=record.thinned * every)
-
-
-def _lost(record: Record, every: int) -> np.ndarray | None:
-    """Whether one of so many rows each is lost."""
-    if record.lost is None:
-        return None
-    rest = record.lost[record.held_phase:]
-    return np.logical_or.reduceat(rest, np.arange(0, len(rest), every))
 
 
 def coarser(record: Record) -> Record:
     """The longest integration step that meets every row and tick."""
     whole = int(np.gcd.reduce(np.append(record.at, (record.tick, record.first_step))))
     times = max(m for m in range(1, whole + 1)
-                if whole % m == 0 and (m == 1 or m * record.step < LONGEST_STEP * NEARLY))
+                if whole % m == 0 and (m == 1 or m * record.step < LONGEST_STEP * (1.0 + 1e-9)))
     return replace(record, step=record.step * times, every=record.every // times, tick=record.tick // times,
                    first_step=record.first_step // times, at=record.at // times,
                    a6=np.ascontiguousarray(record.a6[::times]), k1=np.ascontiguousarray(record.k1[::times]),
@@ -144,5 +134,4 @@ def cut(record: Record, most: int) -> Record:
     at = np.maximum(record.at[part] - begin, 0)  # its first stamp may be early
     return replace(record, z=record.z[part], reference=record.reference[part], at=at,
                    first_step=record.first_step + begin, commands=record.commands[first * ticks:(first + most) * ticks],
-                   logged=None if record.logged is None else record.logged[part],
-                   lost=None if record.lost is None else record.lost[part], held_phase=0)
+                   logged=None if record.logged is None else record.logged[part], held_phase=0)

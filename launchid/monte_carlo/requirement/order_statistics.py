@@ -15,8 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-HALVINGS = 60  # of an interval: to the last bits of a double
-
 
 def cumulative(most: int, flights: int, probability: float) -> np.ndarray:
     """(most + 1,) probability of at most 0, 1, ... `most` failures among n flights that fail with this probability."""
@@ -80,7 +78,7 @@ class Planned:
 def halved(inside: float, outside: float, holds: Callable[[float], bool]) -> float:
     """The place where `holds`, false at `inside`, becomes true for good on the way to `outside`, which is never
     evaluated."""
-    for _ in range(HALVINGS):
+    for _ in range(60):  # to the last bits of a double
         middle = 0.5 * (inside + outside)
         inside, outside = (inside, middle) if holds(middle) else (middle, outside)
     return outside

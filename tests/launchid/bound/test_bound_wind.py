@@ -137,7 +137,8 @@ def test_information_is_the_curvature_of_a_plain_filter_s_likelihood(air, known)
     assert np.allclose(np.diag(np.linalg.inv(information)), np.diag(np.linalg.inv(curvature)), rtol=0.06)
 
 
-@CASES
+@pytest.mark.parametrize(("air", "known"), [("wind", True), *(
+    pytest.param(*case, marks=pytest.mark.campaign) for case in (("offsets", True), ("wind", False)))])
 def test_the_most_likely_parameters_of_many_logs_spread_as_the_bound_says(air, known):
     nuisances, count = NUISANCES[air], 400
     z, u = drawn(nuisances, count, 2)

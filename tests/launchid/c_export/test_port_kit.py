@@ -83,7 +83,7 @@ def test_a_wrong_bit_is_a_difference(tmp_path):
 
 # ---- what the vectors reach
 
-LINES, BRANCHES = 0.97, 0.90       # shares of launchid.c
+LINES, BRANCHES = 0.97, 0.89       # shares of launchid.c
 SUMMARY = re.compile(r"File 'launchid.c'\nLines executed:([\d.]+)% of \d+\n.*\nTaken at least once:([\d.]+)% of \d+")
 FUNCTION = re.compile(r"Function '(\w+)'\nLines executed:([\d.]+)%")
 

@@ -33,6 +33,8 @@ def second(x):
 RUN = """
 from launchid_core import compile_listeners
 from launchid.cli.compilation import Compilation
+from launchid.cli import compilation
+compilation.OFTEN = float("inf")  # s
 compile_listeners += [Compilation()] * {said}
 import toy
 print(toy.first(1.0) + toy.second(1.0))

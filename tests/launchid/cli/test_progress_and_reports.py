@@ -33,6 +33,7 @@ def clock(monkeypatch):
     """A clock that a test sets."""
     now = [0.0]
     monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(terminal.Progress, "LINE", 10.0)  # s; other tests have none
     return now
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_diagnosis import LONG, NOMINAL, flown, found, lasting, named
 
-from launchid.diagnosis.adapter import Follower
+from launchid.diagnosis.adapter import Follower, read
 from launchid.diagnosis.answer import extension, report
 from launchid.diagnosis.controller.check import check_controller
 from launchid.diagnosis.controller.command import record
@@ -29,7 +29,7 @@ from sim.sections import Multisine, Section
     pytest.param("controller_mismatch:delay=0.013", (1.0, 1.0, 0.013), marks=LONG),
     ("controller_mismatch:kp_scale=0.9,kd_scale=1.2,delay=0.01", (0.9, 1.2, 0.01))])
 def test_the_controllers_mismatch_is_named_exactly(effect, expected):
-    result = found(effect)
+    result = found(effect, nominal=lasting(20.0))
     assert (result["verdict"], result["where"], named(result)) == ("explained", "controller", ["controller_mismatch"])
     values = [result["causes"][0]["parameters"][name]["value"] for name in ("kp_scale", "kd_scale", "delay")]
     assert values == pytest.approx(expected, abs=1e-6)
@@ -116,11 +116,10 @@ def test_a_wrong_gyro_is_no_other_controller(effect):
 def test_another_derivative_filter_is_no_gain():
     controller = dataclasses.replace(NOMINAL.controller, derivative_time_constant=0.08)
     log = flown(nominal=dataclasses.replace(NOMINAL, controller=controller))
-    checked = check_controller(record(log, NOMINAL, check(log, NOMINAL)))
-    assert checked.kind == "filter"
-    assert checked.time_constant == pytest.approx(0.08, rel=1e-4)
-    result = report(diagnose(log, NOMINAL))
-    assert (result["verdict"], result["where"], result["causes"]) == ("unexplained", "controller", [])
+    made = diagnose(log, NOMINAL)
+    assert made.reading.controller.kind == "filter"
+    assert made.reading.controller.time_constant == pytest.approx(0.08, rel=1e-4)
+    assert (made.verdict, made.where, made.named) == ("unexplained", "controller", ())
 
 
 # ---- degenerate logs
@@ -163,7 +162,7 @@ def test_a_computing_time_longer_than_the_log():
     nominal = dataclasses.replace(NOMINAL, effects=(from_text("controller_mismatch:delay=6"),))
     log = flown(period=SLOW)
     short = dataclasses.replace(log, **{name: getattr(log, name)[:250] for name in REQUIRED + OPTIONAL})
-    assert diagnose(short, nominal).reading.controller is None  # no command of the log answers an error of the log
+    assert read(short, nominal).controller is None  # no command of the log answers an error of the log
 
 
 @LONG

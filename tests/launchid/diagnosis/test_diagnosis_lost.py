@@ -3,16 +3,13 @@ it is, neither to the vehicle's model nor to the controller's check."""
 
 import dataclasses
 import functools
-import math
 
 import numpy as np
 import pytest
 from test_diagnosis import WHOLE, log_of
 
 from launchid.diagnosis.answer import report
-from launchid.diagnosis.controller.command import off_by, record
 from launchid.diagnosis.verdict import diagnose
-from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
 from sim.effects import from_text
 from sim.flight import fly_whole
@@ -62,33 +59,3 @@ def test_a_fault_is_named_with_its_size_all_the_same(effect, cause, parameter, t
     result = judged(holed(flown(effect), **SINGLE))
     assert (result["verdict"], [each["cause"] for each in result["causes"]]) == ("explained", [cause])
     assert result["causes"][0]["parameters"][parameter]["value"] == pytest.approx(true, abs=near)
-
-
-def test_what_is_not_known_of_a_command_is_what_it_does_over_as_many_rows():
-    """White commands of 1 rad: over a gap of n rows the line between its ends is off by n^2/2 + n in square."""
-    command = np.random.default_rng(2).normal(size=200_000)
-    for long in (1, 5, 20):
-        lost = np.zeros(len(command), bool)
-        lost[1000:1000 + long] = True
-        assert off_by(command, lost, 0.01) == pytest.approx(math.sqrt(0.5 * long + 1.0), rel=0.03)
-    ramp = 0.01 * np.arange(1000.0)
-    lost = np.arange(1000) == 500
-    assert off_by(ramp, lost, 0.01) == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize(("rate", "rows"), [(25, 12), (100, 50), (400, 200)])
-def test_over_more_than_half_a_second_a_command_is_taken_to_wander_no_further_at_any_rate(rate, rows):
-    command = np.random.default_rng(2).normal(size=200_000)
-    lost = np.zeros(len(command), bool)
-    lost[1000:1000 + rate] = True
-    assert off_by(command, lost, 1.0 / rate) == pytest.approx(math.sqrt(0.5 * rows + 1.0), rel=0.1)
-
-
-def test_a_command_that_is_logged_when_it_changes_is_held_and_believed():
-    """Rows that lack the command alone are not lost."""
-    log = flown("")
-    sparse = np.where(np.arange(len(log.t)) % 5 == 0, log.beta_cmd, math.nan)
-    nominal = dataclasses.replace(NOMINAL, controller=None)
-    kept = dataclasses.replace(log, beta_cmd=sparse)
-    assert record(kept, nominal, check(kept, nominal)).lost is None
-

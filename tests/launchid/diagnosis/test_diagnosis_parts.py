@@ -87,7 +87,3 @@ def test_a_vehicle_lost_within_a_second_is_not_called_consistent():
     made = diagnose(log, NOMINAL)
     names = {name for cause in made.named for name in (cause.cause, *cause.alike)}
     assert made.verdict in ("explained", "dominant") and "thrust_misalignment" in names
-
-
-# ---- predictions are judged on blocks that no experiment can follow
-

@@ -7,7 +7,7 @@ import pytest
 from hidden import OTHER, draw_spec, fly
 
 from launchid.diagnosis.adapter import read
-from launchid.diagnosis.answer import extension, lines, report
+from launchid.diagnosis.answer import lines, report
 from launchid.diagnosis.candidates import KINDS, usual
 from launchid.diagnosis.estimate import fit_levels, gauss_newton
 from launchid.diagnosis.model import Model
@@ -34,7 +34,7 @@ def not_reached(why):
 @pytest.fixture(scope="module")
 def clean():
     """The model of a flight with nothing hidden."""
-    log, _ = hidden(None, 71001)
+    log, _ = hidden(None, 71001, duration=30.0)
     m = Model(read(log, load_nominal("constant")).track)
     m.with_numbers(usual(m), [])
     return m
@@ -43,15 +43,7 @@ def clean():
 # ---- the answer with a known truth
 
 
-@LONG
-def test_a_clean_flight_is_consistent():
-    log, _ = hidden(None, 71002)
-    result = diagnose(log, load_nominal("constant"))
-    assert (result.verdict, result.where, result.named) == ("consistent", None, ())
-
-
 @pytest.mark.parametrize(("cause", "parameter", "nominal"), [
-    ("aero_damping", "coefficient", "vega_like"), ("gyro_bias", "rate", "constant"),
     pytest.param("slosh", "coupling", "constant", marks=[LONG, not_reached("bending is named")]),
     pytest.param("actuator_delay", "delay", "vega_like", marks=LONG),
     pytest.param("moment_step", "acceleration", "constant", marks=[LONG, not_reached("consistent is said")])])
@@ -64,12 +56,6 @@ def test_a_cause_is_named_with_its_size(cause, parameter, nominal):
     assert abs(value - label.causes[0]["parameters"][parameter]) < 4.0 * std
 
 
-def test_an_effect_in_no_list_is_not_named():
-    log, _ = hidden(("servo_curve",), 71004)
-    result = diagnose(log, load_nominal("constant"))
-    assert (result.verdict, result.where, result.named) == ("unexplained", "actuator", ())
-
-
 @LONG
 @not_reached("the damping is left out")
 def test_two_causes_are_named_together():
@@ -77,20 +63,15 @@ def test_two_causes_are_named_together():
     assert {each.cause for each in diagnose(log, load_nominal("constant")).named} == {"gyro_scale", "aero_damping"}
 
 
-def test_the_extension_explains_its_own_log():
-    log, _ = hidden(("control_effectiveness",), 71006, factor=4.0)
-    result = diagnose(log, load_nominal("constant"))
-    assert diagnose(log, extension(result)).verdict == "consistent"
-
-
 def test_the_answer_is_the_contracts():
-    log, _ = hidden(("gyro_bias",), 71007, factor=4.0)
+    log, label = hidden(("gyro_bias",), 71007, factor=4.0, duration=20.0)
     result = diagnose(log, load_nominal("constant"))
     answer = json.loads(json.dumps(report(result), allow_nan=False))
     assert {"verdict", "where", "causes", "noise", "limits", "gain", "either", "data", "remainder"} <= set(answer)
     cause = answer["causes"][0]
     assert cause["cause"] in CATALOGUE
-    assert {"value", "std", "unit"} == set(cause["parameters"]["rate"])
+    assert {"value", "std", "unit"} == set(rate := cause["parameters"]["rate"])
+    assert abs(rate["value"] - label.causes[0]["parameters"]["rate"]) < 4.0 * rate["std"]
     assert cause["evidence"]["nats"] > 10.0
     assert 0.05 < cause["evidence"]["held_out"]
     assert answer["gain"]["held_out"] is True

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from compiled import compiled
+from unjitted import unjitted
 
 from launchid.cli.main import main
 from launchid.commands.identify import identify
@@ -25,7 +25,7 @@ from sim.flight import fly_whole, parameters
 from sim.nominal import load_nominal
 
 PERIOD = 0.01
-autoregression, bandwidth, long_run, own_variance = map(compiled, (
+autoregression, bandwidth, long_run, own_variance = map(unjitted, (
     residual.autoregression, residual.bandwidth, residual.long_run, residual.own_variance))
 
 

@@ -98,7 +98,7 @@ def test_a_log_is_read_from_a_process_s_output_and_from_standard_input(log, caps
 
 def test_what_standard_input_lacks_is_one_line(log):
     for stdin in (b"", b"t,theta\n0,1\n", b"\x89PNG\r\n\x1a\n\xff"):
-        done = subprocess.run([sys.executable, "-m", "sim", "identify", "-"], input=stdin, cwd=ROOT,
+        done = subprocess.run([sys.executable, "-m", "sim", "identify", "-", "--quiet"], input=stdin, cwd=ROOT,
                               capture_output=True, timeout=300, check=False)
         err = done.stderr.decode()
         assert done.returncode == 3 and len(err.splitlines()) == 1 and err.startswith("launchid: -: "), err

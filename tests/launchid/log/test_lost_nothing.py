@@ -85,7 +85,8 @@ def test_a_reader_that_leaves_is_no_error(folder, words):
     """A reader such as `| head -1` reads a line and goes; here before the first byte."""
     read, write = os.pipe()
     os.close(read)
-    process = launchid(*(folder / "log.csv" if word == "LOG" else word for word in words), stdout=write)
+    quiet = ["--quiet"] * (words != ["--help"])
+    process = launchid(*(folder / "log.csv" if word == "LOG" else word for word in words + quiet), stdout=write)
     os.close(write)
     _, err = process.communicate(timeout=300)
     assert (process.returncode, err) == (0, b"")

@@ -13,8 +13,7 @@ from launchid.robustness.mu import TOLERANCE, mu, mu_over_time
 from sim.errors import InputError
 from sim.nominal import Nominal, constant_profile, load_nominal
 
-FLIGHTS = [("constant", 0.0), ("vega_like", 10.0), ("vega_like", 30.0), ("vega_like", 50.0), ("vega_like", 70.0),
-           ("vega_like", 90.0), ("greensite_cr826", 30.0), ("greensite_cr826", 76.0), ("greensite_cr826", 120.0)]
+FLIGHTS = [("constant", 0.0), ("vega_like", 10.0), ("vega_like", 70.0), ("greensite_cr826", 76.0)]
 
 
 def radii(lft: Lft, delta: np.ndarray) -> np.ndarray:
@@ -63,7 +62,7 @@ def test_mu_is_what_gridding_finds(name, t):
     check(load_nominal(name), t, (0.0, 0.0), (1.0, 1.0))
 
 
-@pytest.mark.parametrize("name, t", FLIGHTS[::3])
+@pytest.mark.parametrize("name, t", FLIGHTS[::2])
 def test_box_of_the_upper_bound_is_stable_inside(name, t):
     lft, found = lft_at(load_nominal(name), t), mu(load_nominal(name), t)
     s = 0.999 * found.margin[0] * np.linspace(-1.0, 1.0, 41)
@@ -85,7 +84,7 @@ def test_delay_moves_the_nearest_root_to_the_crossover(delay, kp, kd):
     assert mu(nominal, 0.0).omega > 5.0
 
 
-@settings(max_examples=15)
+@settings(max_examples=5)
 @given(a6=hs.floats(-4.0, 4.0), k1=hs.floats(-12.0, -5.0), sigma=hs.floats(0.05, 0.5), kp=hs.floats(1.0, 2.5),
        kd=hs.floats(0.4, 1.0), w=hs.floats(25.0, 60.0), zeta=hs.floats(0.4, 1.2), delay=hs.floats(0.0, 0.05),
        period=hs.sampled_from([0.01, 0.02, 0.04]), centre=hs.tuples(hs.floats(-0.5, 0.5), hs.floats(-0.5, 0.5)),

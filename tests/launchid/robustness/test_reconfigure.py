@@ -183,7 +183,8 @@ def test_gains_move_at_their_rate_and_within_their_limits_and_begin_to_within_a_
     assert flown.gains[np.searchsorted(t, 33.0), 0] == pytest.approx(1.2 / 0.55, rel=0.1)
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", [name if name == "vega_like" else pytest.param(name, marks=pytest.mark.campaign)
+                                  for name in BUILT_IN])
 def test_flight_in_the_box_is_kept_and_not_worse(name):
     """Seed 0: a6 19 % lower and k1 16 % stronger than believed, where less gain would do; and its opposite."""
     job = draw_jobs(name, "box", [0])[0]
