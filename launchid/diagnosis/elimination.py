@@ -17,7 +17,7 @@ from .score import compare, deviations, left_out
 Z = 2.3                # standard errors that a number must save on left-out blocks
 LEAST = 8.0            # squares that it must save: 4 nats
 SHARE = 0.05           # of what the full model saves, that it must save
-EVENT = 28.0           # squares that an event must save, of which nothing is left out and whose place was searched
+EVENT = 28.0           # squares that is to save what fewer errors or no blocks vouch for: it may be the best of many
 BESIDE_EVENT = 0.2     # of what the largest saves, that an event beside it must save: less is the rest of its shape
 FREELY = 2.0           # squares that numbers may cost by the information and go at once, untried
 TRIES = 3              # groups tried in a step, the cheapest first
@@ -164,7 +164,7 @@ class Search:
             return gain > EVENT and gain > SHARE * removable
         if self.m.is_flown and group.name not in KINEMATIC and gain > SHAPE_Z * error:
             removable -= self.by_sensors
-        is_clear = not self.m.is_flown and gain > CLEAR * removable
+        is_clear = not self.m.is_flown and gain > max(CLEAR * removable, EVENT)
         is_curve = not self.m.is_flown and not is_clear and group.name in SHAPES_OF_NUMBERS
         z = CLEAR_Z if is_clear else SHAPE_Z if is_curve else Z
         return gain > z * error and gain > LEAST and gain > SHARE * removable
