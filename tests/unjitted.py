@@ -1,37 +1,44 @@
-"""The project's kernels as they are written: a second, un-jitted copy of its packages in this process.
+"""The project as it is written: a second copy of its packages in this process, with numba off.
 
 `inner` kernels cannot be called from Python, and to compile one with a wrapper takes up to twenty seconds; as Python a
-sample takes a millisecond.  That compiled and plain are the same bits is tested where whole flights are.
+sample takes a millisecond.  That compiled and un-jitted are the same bits is tested where whole flights are.
 """
 
+import contextlib
 import importlib
 import sys
-from functools import cache
+from collections.abc import Iterator
 from types import ModuleType
 from typing import Any
 
 import numba
 
 PACKAGES = ("launchid_core", "sim", "launchid")
+_copy: dict[str, ModuleType] = {}
 
 
-@cache
-def unjitted_module(name: str) -> ModuleType:
-    """Return the module of that name of the copy; what it imports of the project is the copy's too."""
-    compiled = {key: module for key, module in sys.modules.items() if key.split(".")[0] in PACKAGES}
-    was_off, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 1
-    for key in compiled:
-        del sys.modules[key]
+def _taken_out() -> dict[str, ModuleType]:
+    """The project's modules, which are then no longer among the imported ones."""
+    return {name: sys.modules.pop(name) for name in list(sys.modules) if name.split(".")[0] in PACKAGES}
+
+
+@contextlib.contextmanager
+def unjitted_packages() -> Iterator[None]:
+    """Import what is imported of the project from the copy."""
+    compiled, was_off, numba.config.DISABLE_JIT = _taken_out(), numba.config.DISABLE_JIT, 1
     sys.modules.update(_copy)
     try:
-        return importlib.import_module(name)
+        yield
     finally:
         numba.config.DISABLE_JIT = was_off
-        _copy.update({key: sys.modules.pop(key) for key in list(sys.modules) if key.split(".")[0] in PACKAGES})
+        _copy.update(_taken_out())
         sys.modules.update(compiled)
 
 
-_copy: dict[str, ModuleType] = {}
+def unjitted_module(name: str) -> ModuleType:
+    """Return the copy's module of that name."""
+    with unjitted_packages():
+        return importlib.import_module(name)
 
 
 def unjitted(kernel: Any) -> Any:

@@ -11,7 +11,7 @@ from ..log.check import checked
 from ..log.log import Log
 from ..log.rates import INTERPOLATED, rate_of
 from ..weakform.fit import gls
-from ..weakform.judge import FAST_THETA, Lack, Lead, against, question
+from ..weakform.judge import FAST_THETA, WRONG, Lack, Lead, against, question
 from ..weakform.rows import term_modes
 from . import filter as fl
 from . import weak
@@ -20,7 +20,7 @@ from .model import command, run
 from .scoring import Fitted, fit
 from .search import Found, is_held, search
 
-WRONG = 2.0            # standard deviations of a number that no vehicle has
+TIMING = 0.001         # s, one sigma, to which times are right without being wrong, as in [diagnosis]
 SURE = 3.0             # standard deviations from 0, without which there is no k1
 ALIKE = 0.99           # |correlation| of a6 and k1 beyond which only a combination is known,
 VAGUE = 0.3            # if both are known no better than this, relative
@@ -257,21 +257,24 @@ def reasons(numbers: First, result: Found, c: Channels) -> list[str]:
     if not np.any(np.abs(numbers.k1) > SURE * numbers.k1_std):
         said.append(f"k1 cannot be determined: {numbers.k1.mean():.3g} +- {numbers.k1_std.mean():.2g} 1/s^2 may be 0; "
                     f"log a stretch in which {driver} moves more")
-    return said + impossible(numbers, driver) + lacking(numbers, result, driver) + unseparated(numbers, result)
+    return said + (lacking(numbers, result, driver) or impossible(numbers, driver)) + unseparated(numbers, result)
 
 
 def impossible(numbers: First, driver: str) -> list[str]:
     """Numbers that no vehicle has, beyond WRONG of their deviations: an effect before its cause, a damping that
     drives."""
     said = []
-    if numbers.delay is not None and numbers.delay[0] < -WRONG * numbers.delay[1]:
+    if numbers.delay is not None and numbers.delay[0] < -WRONG * math.hypot(numbers.delay[1], TIMING):
         said.append(f"{driver} follows the motion by {-1e3 * numbers.delay[0]:.0f} +- {1e3 * numbers.delay[1]:.1g} ms: "
                     "it is no input of it, or its stamps are late")
     value, std = numbers.terms.get("theta_dot", (0.0, 0.0))
-    if value > WRONG * std:
-        said.append(f"the rate damping comes out {value:.3g} +- {std:.2g} 1/s: of the wrong sign, no body's motion "
-                    f"drives itself; {driver} is filtered or late, or theta and theta_dot are")
-    return said
+    return [*said, driving(value, std, driver)] if value > WRONG * std else said
+
+
+def driving(value: float, std: float, driver: str) -> str:
+    """The sentence of a damping of the wrong sign."""
+    return (f"the rate damping comes out {value:.3g} +- {std:.2g} 1/s: of the wrong sign, no body's motion drives "
+            f"itself; {driver} is filtered or late, or theta and theta_dot are, or little but {driver} moves them")
 
 
 def lacking(numbers: First, result: Found, driver: str) -> list[str]:
@@ -280,7 +283,7 @@ def lacking(numbers: First, result: Found, driver: str) -> list[str]:
     a6, k1 = (x / x[np.argmax(np.abs(x))] if np.any(x) else np.ones(len(m.t)) for x in model.at(m.t))  # as they vary
     if model.sine:
         a6 = np.ones(len(m.t))
-    rows = replace(m, theta=a6 * m.theta, gamma=a6 * m.gamma, beta=k1 * m.beta)
+    rows = replace(m, theta=a6 * m.theta, gamma=a6 * m.gamma, beta=k1 * m.beta, fast=a6 * m.fast)
     asked = question(rows, (*result.terms[:2], "1"), result.terms[2:])
     if asked.unchecked:
         return [f"what a6 and k1 rest on could not be tested: {asked.unchecked}"]
@@ -316,6 +319,8 @@ def lack_words(lack: Lack, driver: str) -> str:
     if lack.what in said:
         return said[lack.what]
     assert lack.size is not None
+    if lack.what == "driving":
+        return driving(lack.size, lack.std, driver)
     if lack.what == "clock":
         return (f"the time by which {driver} leads grows by {1e3 * lack.size:.3g} ms a second: {driver} and the motion "
                 "are stamped by two clocks")

@@ -10,11 +10,10 @@ import numpy as np
 
 from ..sums import combined, least_squares, square
 from ..weakform.judge import INCREMENT
-from ..weakform.rows import GAP, Rows, increments, with_noise_levels
+from ..weakform.rows import GAP, SLOPE, Rows, increments, slope, with_noise_levels
 from .channels import Channels
 from .model import command
 
-SLOPE_HALF = 0.02      # s to either side, of the line that gives a rate from theta alone
 PIECE = 10.0           # s over which one set of coefficients and one trim hold
 HELD_OUT = 0.4         # the last part of the log
 FEWEST = 5             # increments without overlap in it
@@ -32,7 +31,7 @@ def motion(c: Channels, source_is_beta: bool) -> Rows:
     rate = filled(c.t, c.theta_dot) if c.has("theta_dot") else np.zeros(0)
     if c.has("theta"):
         theta = filled(c.t, c.theta)
-        rate = rate if len(rate) else slopes(c.t, theta, max(1, round(SLOPE_HALF / c.period)))
+        rate = rate if len(rate) else slope(c.t, theta, max(1, round(SLOPE / c.period)))
     else:
         theta = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(c.t) * (rate[1:] + rate[:-1]))])
         theta = theta - theta.mean()
@@ -40,18 +39,6 @@ def motion(c: Channels, source_is_beta: bool) -> Rows:
     cuts = np.flatnonzero(step > GAP * np.median(step)) + 1
     return with_noise_levels(Rows(c.t, theta, c.gamma, rate, u, c.has("theta_dot"), bool(np.any(c.gamma != 0.0)),
                                   np.concatenate([[0], cuts, [len(c.t)]])))
-
-
-def slopes(t: np.ndarray, x: np.ndarray, half: int) -> np.ndarray:
-    """Return the slope at every row of the line through `half` rows to either side; at the ends that of the nearest."""
-    def sums(y: np.ndarray) -> np.ndarray:
-        whole = np.concatenate([[0.0], np.cumsum(y)])
-        return whole[2 * half + 1:] - whole[:-2 * half - 1]
-    n = 2 * half + 1
-    tc, xc = t - t[0], x - x[0]
-    below = sums(tc * tc) - sums(tc) ** 2 / n
-    inner = (sums(tc * xc) - sums(tc) * sums(xc) / n) / below
-    return np.concatenate([np.full(half, inner[0]), inner, np.full(half, inner[-1])])
 
 
 def columns(rows: Rows, terms: tuple[str, ...], delay: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

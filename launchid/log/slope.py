@@ -31,7 +31,7 @@ NEIGHBOURS = 2.0         # times the variance of independent residuals: those of
 NOISE_SHARE = 0.1        # of the changes of theta: what else theta_dot leaves of them is motion
 TIME_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9), ("", 1.0))  # "": seconds
 LONG_UNITS = (("minutes", 1.0 / 60.0), ("hours", 1.0 / 3600.0), ("days", 1.0 / 86400.0))  # how many are a second
-NOT_DEGREES = 0.03       # relative: a gain of 60 (minutes) is 4.7 % from one of 57.3 (degrees)
+SAME_CLOCK = 0.04        # relative, of a gain that is a long unit of time: 60 (minutes) is 4.7 % from 57.3 (degrees)
 
 Columns = dict[str, np.ndarray]  # channel -> (n,) on a uniform grid; absent: not measured
 
@@ -158,7 +158,7 @@ def unit_of_time(columns: Columns, period: float) -> tuple[str, float, str] | No
     if not (fit.explained > CLEAR and 0.0 < gain < math.inf):
         return None
     for name, factor in LONG_UNITS if not near(gain, 1.0, SAME_UNIT) else ():
-        if near(gain * factor, 1.0, SAME_UNIT) and (name != "minutes" or abs(gain * factor - 1.0) < NOT_DEGREES):
+        if abs(gain * factor - 1.0) < SAME_CLOCK:
             return name, factor, f"theta_dot is {1.0 / gain:.4g} times the slope of theta"
     if not period > SLOW or near(gain, 1.0, SAME_UNIT):
         return "", 1.0, ""

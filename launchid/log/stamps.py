@@ -49,11 +49,15 @@ def usable_rows(t: np.ndarray) -> np.ndarray:
 
 def tick_of(t: np.ndarray) -> float:
     """Return the resolution [s] of stamps t (n,) that do not go back: the smallest difference between their steps, of
-    those that TICK tells apart."""
+    those that TICK tells apart, where the steps are so many of it, and not all of them as many; else 0."""
     steps = np.diff(t)
     apart = np.diff(np.sort(np.append(steps, 0.0)))
     apart = apart[apart > TICK * min(np.mean(steps), np.median(steps[steps > 0.0]))]
-    return float(np.min(apart)) if len(apart) else 0.0
+    if not len(apart):
+        return 0.0
+    tick = float(np.min(apart))
+    many = np.round(steps / tick)
+    return tick if np.ptp(many) > 0.0 and np.max(np.abs(steps - many * tick)) <= TICK * tick else 0.0
 
 
 @np.errstate(over="ignore", invalid="ignore")

@@ -9,6 +9,7 @@ of theta_dot (`difference`), with q = 0 on theta_dot itself (`integral`).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,19 @@ FEWEST_IN_BAND = 4    # modes
 Prior = Sequence[tuple[int, float, float]]
 
 
+class Noise(NamedTuple):
+    """What a regression says of the ratios of the sensor's and of the wandering noise to the accumulated one.
+
+    restricted (SPAN, SPAN)  logarithm of the restricted likelihood, less its maximum;  scale (SPAN, SPAN)  the variance
+    of the accumulated noise;  largest (SPAN, SPAN)  logarithm of the largest likelihood over the coefficients, by which
+    columns are compared
+    """
+
+    restricted: np.ndarray
+    scale: np.ndarray
+    largest: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Coefficients xi (q,) and covariance (q, q) of a regression, and how its residual is spread.
@@ -45,10 +59,11 @@ class Fit:
     is_singular: bool = False
 
 
-def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = ()) -> Fit:
+def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = (), own: Noise | None = None) -> Fit:
     """Return the fit of a regression.
 
     likelihood (SPAN, SPAN)  of the noise's ratios; None: the regression's own
+    own     the regression's own noise, where it is known
     prior   (column, value, standard deviation) of coefficients that are known from elsewhere
 
     Where the rest is not as white as the two ratios make it, its own spectrum in bands is the noise.
@@ -57,8 +72,8 @@ def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = ()) -> Fi
     if not np.any(m.y):   # at rest
         k = m.phi.shape[1]
         return Fit(np.full(k, math.nan), np.full((k, k), math.nan), np.ones(n), m.y, m.y, n - q, True)
-    own, scale, _ = noise_likelihood(m)
-    s = mixed(m, own if likelihood is None else likelihood, scale)
+    own = own or noise_likelihood(m)
+    s = mixed(m, own.restricted if likelihood is None else likelihood, own.scale)
     for step in range(3):   # the scale; what the quadrature of these coefficients may be off; the rest's own spectrum
         xi, covariance = solved(m, s, prior if step else ())
         if covariance is None:
@@ -163,10 +178,8 @@ def parts_of_noise(m: Modes) -> np.ndarray:
     return np.stack([np.ones(len(m.curl)), sensor, 1.0 / m.curl]) * (m.step / np.median(m.step))
 
 
-def noise_likelihood(m: Modes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the logarithm of the restricted likelihood (SPAN, SPAN) of the ratios of the sensor's and of the wandering
-    noise to the accumulated one, less its maximum; the variance of that (SPAN, SPAN); and the logarithm of the largest
-    likelihood over the coefficients (SPAN, SPAN), by which columns are compared."""
+def noise_likelihood(m: Modes) -> Noise:
+    """Return the likelihood of the noise's ratios, each mode being one of BINS, which share a weight."""
     shapes = parts_of_noise(m)
     order = np.argsort(m.curl, kind="stable")
     edges = np.unique(np.round(np.concatenate([[0.0], np.geomspace(1.0, len(m.y), min(BINS, len(m.y)))])).astype(int))
@@ -176,11 +189,11 @@ def noise_likelihood(m: Modes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     table = np.column_stack([phi / columns, m.y])[order]
     bins = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
     many = np.bincount(bins).astype(float)
-    grams = np.array([products(part, part) for part in np.split(table, edges[1:-1])])
+    grams = np.add.reduceat(table[:, :, None] * table[:, None, :], edges[:-1], axis=0)
     means = np.array([np.bincount(bins, shape[order]) / many for shape in shapes])
     sensor, slow = (each.ravel() for each in np.meshgrid(SPAN, SPAN, indexing="ij"))
     s = means[0] + 10.0**sensor[:, None] * means[1] + 10.0**slow[:, None] * means[2]
-    gram = np.einsum("gb,bij->gij", 1.0 / s, grams)
+    gram = np.reshape(products((1.0 / s).T, np.reshape(grams, (len(many), -1))), (len(s), *grams.shape[1:]))
     inner, right, yy = gram[:, :-1, :-1], gram[:, :-1, -1], gram[:, -1, -1]
     size = np.sqrt(np.maximum(np.einsum("gii->gi", inner), 1e-300))
     scaled = inner / size[:, :, None] / size[:, None, :] + 1e-13 * np.eye(inner.shape[1])
@@ -193,7 +206,7 @@ def noise_likelihood(m: Modes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     value = -0.5 * (degrees * np.log(left) + shapes_of
                     + np.linalg.slogdet(scaled)[1] + 2.0 * np.sum(np.log(size), axis=1))
     grid = len(SPAN), len(SPAN)
-    return np.reshape(value - np.max(value), grid), np.reshape(left / degrees, grid), np.reshape(largest, grid)
+    return Noise(*(np.reshape(each, grid) for each in (value - np.max(value), left / degrees, largest)))
 
 
 def spectrum(fit: Fit, m: Modes, bands: int) -> tuple[np.ndarray, ...]:

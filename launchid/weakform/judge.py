@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..sums import combined, square
-from .fit import Fit, gls, least, noise_likelihood, rest, solved, spectrum, whiteness
-from .rows import FAST_THETA, Modes, Rows, ends_of, fast_part, increments, later, regression, term_modes, values_of
+from .fit import Fit, Noise, gls, least, noise_likelihood, rest, spectrum, whiteness
+from .rows import FAST_THETA, Modes, Rows, ends_of, increments, later, regression, term_modes, values_of
 
 PIECE = 5.0          # s over which one set of coefficients holds while the log is asked,
 ROWS = 250           # and rows: of a slow log the vehicle is slower, too
@@ -24,6 +24,7 @@ PER_COEFFICIENT = 5  # modes, without which an answer cannot be tested
 STRETCH = 1.0        # s, the least stretch without a gap: what is slower, and a shift of beta, is not seen in shorter
 SURE = 5.0           # standard deviations of a term that is there
 SHIFT = 3.0          # the same of a shift of beta
+WRONG = 2.0          # the same of a number that no vehicle has
 TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
 ONE_COLUMN = 0.98    # of a column's square that others explain (|correlation| 0.99): it is one with them in this log
 SIMPLER = 0.7        # of the gain of the best term, for which a simpler one is preferred
@@ -53,7 +54,7 @@ LACKING = ("1", "theta_dot", "gamma", FAST_THETA, "sin(theta)", "sign(theta_dot)
 class Lack:
     """Something that an answer lacks, or for which no answer can be believed.
 
-    what     a term; `delay`, `clock`, `placebo`, `interpolated`, `unexplained`, `coefficients`
+    what     a term; `delay`, `clock`, `placebo`, `driving`, `interpolated`, `unexplained`, `coefficients`
     before, after   share of the weighted squares that is explained without and with it
     size     coefficient of the term [its units], delay [s], frequency [rad/s]; None for the others
     std      its standard deviation;  is_most  with it half of the error of rows left out is gone
@@ -80,7 +81,7 @@ class Piece:
     rows: Rows
     modes: Modes
     fit: Fit
-    likelihood: np.ndarray
+    noise: Noise
 
     @property
     def weight(self) -> np.ndarray:
@@ -102,26 +103,9 @@ class Piece:
         phi[:, places] = regression(rows, values, ends, np.zeros((0, 0)), np.zeros(0)).phi
         return phi
 
-    def moved(self, terms: tuple[str, ...], lead: float) -> "Piece":
-        """Return the piece with a beta that acts later [s]."""
-        beta = later(self.rows, lead)
-        return replace(self, rows=replace(self.rows, beta=beta),
-                       modes=replace(self.modes, phi=self.with_beta(terms, beta)))
-
     def shifted(self, terms: tuple[str, ...], lead: float) -> np.ndarray:
         """Return the columns (n, q) of terms with a beta that acts later [s]."""
         return self.with_beta(terms, later(self.rows, lead))
-
-    def of_term(self, terms: tuple[str, ...], term: str) -> tuple[float, float, float, float]:
-        """Return (coefficient over variance, 1 over variance, what others leave of its column, all of its column) of a
-        term beside others; the coefficient is 0 where it cannot be told."""
-        m, w = term_modes(self.rows, (*terms, term)), self.weight
-        z = m.phi[:, -1] * w
-        xi, covariance = solved(m, self.fit.variance)
-        left = square(rest(m.phi[:, :-1] * w[:, None], z))
-        if covariance is None:
-            return 0.0, 0.0, left, square(z)
-        return float(xi[-1] / covariance[-1, -1]), 1.0 / float(covariance[-1, -1]), left, square(z)
 
 
 @dataclass(frozen=True)
@@ -163,6 +147,11 @@ class Question:
     unchecked: str = ""
     known: dict[str, tuple[float, float]] = field(default_factory=dict)   # of optional terms: coefficient, deviation
 
+    @property
+    def is_placebo(self) -> bool:
+        """Whether beta of another time explains as much: it holds for every window."""
+        return any(lack.what == "placebo" for lack in self.lacks)
+
 
 def pieces_of(rows: Rows, terms: tuple[str, ...]) -> list[Piece]:
     """Return the pieces that have rows enough, with the noise of all of them together."""
@@ -172,13 +161,19 @@ def pieces_of(rows: Rows, terms: tuple[str, ...]) -> list[Piece]:
     asked = parts if len(parts) <= MOST_PIECES else \
         [parts[k] for k in np.linspace(0, len(parts) - 1, MOST_PIECES).round().astype(int)]
     made = [(part, term_modes(part, terms)) for part in asked if len(part.t) > 1]
-    made = [(part, m) for part, m in made if len(m.y) >= PER_COEFFICIENT * (len(terms) + 1)]
-    if not made:
-        return []
-    likelihoods = [noise_likelihood(m)[0] for _, m in made]
-    whole = np.sum(likelihoods, axis=0)
-    fits = [Piece(part, m, gls(m, whole), own) for (part, m), own in zip(made, likelihoods, strict=True)]
-    return [piece for piece in fits if not piece.fit.is_singular]
+    return fitted([(part, m) for part, m in made if len(m.y) >= PER_COEFFICIENT * (len(terms) + 1)])
+
+
+def fitted(made: list[tuple[Rows, Modes]]) -> list[Piece]:
+    """Return the pieces of some rows and their regressions, with the noise of all of them together."""
+    noises = [noise_likelihood(m) for _, m in made]
+    whole = np.sum([noise.restricted for noise in noises], axis=0)
+    return [Piece(part, m, gls(m, whole, own=own), own) for (part, m), own in zip(made, noises, strict=True)]
+
+
+def likelihood(pieces: list[Piece]) -> float:
+    """Return the logarithm of the likelihood of the terms of pieces, with the noise that is most likely with them."""
+    return float(np.max(np.sum([piece.noise.largest for piece in pieces], axis=0)))
 
 
 def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...] = ()) -> Question:
@@ -190,22 +185,22 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
     if typical < min(STRETCH, 0.9 * (rows.t[-1] - rows.t[0])):
         return Question(rows, terms, [], None, [], f"gaps leave stretches of {typical:.2g} s: a shift of beta, and "
                         f"what is slower, cannot be tested; log at least {STRETCH:g} s without a gap")
-    pieces = pieces_of(rows, terms)
+    whole = pieces_of(rows, terms)
+    pieces = [piece for piece in whole if not piece.fit.is_singular]
     if not pieces:
-        n = len(rows.t)
-        return Question(rows, terms, [], None, [], f"{n} rows are too few to test {len(terms)} coefficients, or theta "
-                        "and beta hardly move; log longer, or more often")
+        reason = (f"{len(rows.t)} rows are too few to test {len(terms)} coefficients; log longer, or more often"
+                  if not whole else "theta and beta hardly move, or move as one: no coefficient can be tested; log a "
+                  "stretch in which beta moves by itself")
+        return Question(rows, terms, [], None, [], reason)
     known = {}
     for term in optional:
-        size, std, gain, _ = pooled(pieces, terms, term)
-        more = pieces_of(rows, (*terms, term)) if gain > 0.0 and abs(size) > std else []
-        if more:
+        more = beside(pieces, (*terms, term), 0.0)
+        size, std, _ = pooled(more)
+        if abs(size) > std:
             terms, pieces, known[term] = (*terms, term), more, (size, std)
-    lead = lead_of(pieces, terms, rows)
-    lacks = lacks_of(pieces, terms, lead, rows)
+    lacks, lead = lacks_of(rows, terms, pieces)
     wider = (*terms, *(lack.what for lack in lacks if lack.what in LACKING))
-    asked = pieces if wider == terms else pieces_of(rows, wider) or pieces
-    wider = terms if asked is pieces else wider
+    asked = pieces if wider == terms else beside(pieces, wider, 0.0)
     clear = any(lack.is_most for lack in lacks)
     if not clear and placebo(asked, wider, rows, lead):   # of a beta that explains nothing no shift is proved
         strong = [lack for lack in lacks if lack.what not in ("delay", "clock") and lack.after - lack.before > STRONG]
@@ -216,61 +211,86 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
 # ---- terms
 
 
-def pooled(pieces: list[Piece], terms: tuple[str, ...], term: str) -> tuple[float, float, float, float]:
-    """Return (coefficient, standard deviation, gain, share of the column that others explain) of a term that has one
+def pooled(pieces: list[Piece]) -> tuple[float, float, float]:
+    """Return (coefficient, standard deviation, share of the column that others explain) of the last term, that has one
     coefficient in all pieces, beside terms that have one in each."""
-    above, below, left, whole = np.sum([piece.of_term(terms, term) for piece in pieces], axis=0).tolist()
+    told = [piece for piece in pieces if not piece.fit.is_singular]
+    below = sum(1.0 / float(piece.fit.covariance[-1, -1]) for piece in told)
     if not below > 0.0:
-        return 0.0, math.inf, 0.0, 1.0
-    return above / below, 1.0 / math.sqrt(below), above**2 / below, 1.0 - left / whole
+        return 0.0, math.inf, 1.0
+    size = sum(float(piece.fit.xi[-1] / piece.fit.covariance[-1, -1]) for piece in told) / below
+    columns = [piece.modes.phi * piece.weight[:, None] for piece in pieces]
+    left, whole = (sum(map(square, each)) for each in (
+        [rest(phi[:, :-1], phi[:, -1]) for phi in columns], [phi[:, -1] for phi in columns]))
+    return size, 1.0 / math.sqrt(below), 1.0 - left / whole if whole > 0.0 else 1.0
 
 
-def lacks_of(pieces: list[Piece], terms: tuple[str, ...], lead: Lead | None, rows: Rows) -> list[Lack]:
-    """Return what the answer lacks: a shift of beta, then terms, of those that explain about as much the simplest
-    first."""
-    found = []
-    before = explained(pieces, terms)
-    if lead is not None and lead.grows:
-        return [Lack("clock", before, before, lead.grows)]
-    if lead is not None and lead.is_sure:
-        found.append(Lack("delay", before, explained(pieces, terms, lead.value), lead.value, lead.std))
-    if lead is not None:   # a shift is a nuisance, and is in before terms are asked for
-        pieces = [piece.moved(terms, lead.value) for piece in pieces]
-    total = sum(square(piece.modes.y * piece.weight) for piece in pieces)
-    fast = fast_part(rows)   # where theta runs far beside it, a flight path that is missing comes before all else
+def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[list[Lack], Lead | None]:
+    """Return what the answer lacks, and the shift of beta beside that: of the terms that explain about as much the
+    simplest first, then a shift.
+
+    A term is there by its coefficient over its deviation, with the noise that is left with it: what is missing looks
+    like noise. A shift is a nuisance beside it, taken as none or as that which is best without the term, whichever is
+    more likely with it. What halves the error of rows left out is a lack whatever the noise is.
+    """
+    fast = rows.fast         # where theta runs far beside it, a flight path that is missing comes before all else
     path = FAST_THETA if np.var(rows.theta) > RUNS**2 * np.var(fast) else ""
     bent, cut = bool(np.ptp(rows.attack) > LARGE), rows.stretch < min(PIECE, 0.9 * (rows.t[-1] - rows.t[0]))
     names = [term for term in LACKING if term not in terms and (term != "sin(theta)" or bent)
              and (term != "gamma" or rows.has_gamma) and (term != "beta_ddot" or rows.has_rate)
-             and not (cut and term in ("beta_ddot", FAST_THETA))   # which the ends of stretches spoil
              and (term != FAST_THETA or (not (rows.has_gamma or "sin(theta)" in terms)
                   and np.var(fast) > SEEN**2 * rows.theta_noise))]
-    for _ in range(MOST_LACKS):   # what halves the error of rows left out is a lack, whatever the noise was taken for
-        left = ahead(rows, terms)
-        with_it = {term: ahead(rows, (*terms, term)) for term in names if term not in terms}
-        better = [term for term, x in with_it.items() if x < MOST * left and left - x > TOLERANCE**2]
-        if not better:
+    found = list[Lack]()
+    while True:
+        lead = lead_of(pieces, terms, rows)
+        if lead is not None and lead.grows:
+            before = explained(pieces, terms)
+            return [*found, Lack("clock", before, before, lead.grows)], lead
+        if len(found) == MOST_LACKS:
             break
-        least_left = min(with_it[term] for term in better)
-        term = next(term for term in better if with_it[term] < least_left / SIMPLER)
-        _, _, y, phi = increments(rows, (*terms, term), INCREMENT)
-        found.append(Lack(term, 1.0 - left, 1.0 - with_it[term], float(least(phi, y)[-1]), is_most=True))
-        terms = (*terms, term)
-    before = explained(pieces, terms)
-    for _ in range(MOST_LACKS):
-        asked = {term: pooled(pieces, terms, term) for term in names if term not in terms}
-        sure = {term: each for term, each in asked.items()
-                if each[2] > (SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total))
-                and (each[3] < ONE_COLUMN or term == "gamma")}
-        if not sure:
+        shifts = [0.0] if lead is None or not lead.is_sure else [0.0, lead.value]
+        plain = max(likelihood(beside(pieces, terms, shift)) for shift in shifts)
+        left, total = ahead(rows, terms), sum(square(piece.modes.y * piece.weight) for piece in pieces)
+        asked = dict[str, tuple[float, float, float, bool, list[Piece]]]()
+        for term in names:
+            if term in terms:
+                continue
+            at = [lead.value] if term == "beta_ddot" and lead else shifts   # a late beta looks like its acceleration
+            wider = max((beside(pieces, (*terms, term), shift) for shift in at), key=likelihood)
+            size, std, share = pooled(wider)
+            without = ahead(rows, (*terms, term))
+            is_most = without < MOST * left and left - without > TOLERANCE**2
+            least_gain = SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total)
+            gain = 2.0 * (likelihood(wider) - plain)
+            is_apart = share < ONE_COLUMN or term in ("1", "gamma")
+            if cut and term == "beta_ddot":   # of which the beginnings of stretches spoil the column
+                is_apart = False
+            if is_most or (is_apart and min(gain, (size / std) ** 2) > least_gain):
+                asked[term] = (gain, size, std, is_most, wider)
+        if not asked:
             break
-        best = max(each[2] for each in sure.values())
-        term = next(term for term in sure if sure[term][2] >= SIMPLER * best or term in ("gamma", path))
+        most = {term: each for term, each in asked.items() if each[3]} or asked
+        best = max(each[0] for each in most.values())
+        term = next(term for term, each in most.items() if each[0] >= SIMPLER * best or term in ("gamma", path))
+        _, size, std, is_most, _ = most[term]
+        before, pieces = explained(pieces, terms), beside(pieces, (*terms, term), 0.0)
         terms = (*terms, term)
-        after = explained(pieces, terms)
-        found.append(Lack(term, before, after, *sure[term][:2]))
-        before = after
-    return found
+        if is_most:
+            _, _, y, phi = increments(rows, terms, INCREMENT)
+            size = float(least(phi, y)[-1])
+        found.append(Lack(term, before, explained(pieces, terms), size, std, is_most))
+    if "beta_ddot" in terms:   # as its column is made, it lags
+        return found, None
+    if lead is not None and lead.is_sure:
+        found.append(Lack("delay", explained(pieces, terms), explained(pieces, terms, lead.value), lead.value,
+                          lead.std))
+    return found, lead
+
+
+def beside(pieces: list[Piece], terms: tuple[str, ...], lead: float) -> list[Piece]:
+    """Return the pieces under other terms, with a beta that acts later [s]."""
+    rows = [replace(piece.rows, beta=later(piece.rows, lead)) if lead else piece.rows for piece in pieces]
+    return fitted([(each, term_modes(each, terms)) for each in rows])
 
 
 def ahead(rows: Rows, terms: tuple[str, ...]) -> float:
@@ -312,13 +332,14 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
     if not any("beta" in term for term in terms):
         return None
 
-    def left(lead: float, of: list[Piece]) -> float:
-        return sum(piece.unexplained(piece.shifted(terms, lead)) for piece in of)
+    def left(lead: float, of: slice) -> float:
+        return sum(piece.unexplained(piece.shifted(terms, lead)) for piece in pieces[of])
 
-    def best(of: list[Piece]) -> tuple[float, float] | None:
-        grid = DELAY_STEP * np.arange(-round(MOST_DELAY / DELAY_STEP), round(MOST_DELAY / DELAY_STEP) + 1)
-        at = [left(lead, of) for lead in grid.tolist()]
-        k = int(np.argmin(at))
+    grid = DELAY_STEP * np.arange(-round(MOST_DELAY / DELAY_STEP), round(MOST_DELAY / DELAY_STEP) + 1)
+    at = np.array([[piece.unexplained(piece.shifted(terms, lead)) for piece in pieces] for lead in grid.tolist()])
+
+    def best(of: slice) -> tuple[float, float] | None:
+        k = int(np.argmin(np.sum(at[:, of], axis=1)))
         if not 0 < k < len(grid) - 1:
             return None
         value, std = float(grid[k]), None
@@ -331,12 +352,12 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
             std = step * math.sqrt(2.0 / bend)
         return None if std is None else (value, std)
 
-    whole = best(pieces)
+    whole = best(slice(None))
     if whole is None:
         return None
     if len(pieces) >= 6:
         third = len(pieces) // 3
-        first, last = best(pieces[:third]), best(pieces[-third:])
+        first, last = best(slice(third)), best(slice(-third, None))
         if first is not None and last is not None:
             off = last[0] - first[0]
             if abs(off) > SHIFT * math.hypot(first[1], last[1]) and abs(off) > rows.period:
@@ -356,21 +377,21 @@ def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead 
         return False
     few = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, MOST_PLACEBO).round().astype(int))]
 
-    def likelihood(columns: list[np.ndarray]) -> float:
-        each = [noise_likelihood(replace(piece.modes, phi=phi))[2] for piece, phi in zip(few, columns, strict=True)]
-        return float(np.max(np.sum(each, axis=0)))
+    def of(columns: list[np.ndarray]) -> float:
+        each = [noise_likelihood(replace(piece.modes, phi=phi)) for piece, phi in zip(few, columns, strict=True)]
+        return float(np.max(np.sum([noise.largest for noise in each], axis=0)))
 
     others = [k for k, term in enumerate(terms) if "beta" not in term]
-    none = likelihood([piece.modes.phi[:, others] for piece in few])
-    own, most = likelihood([piece.modes.phi for piece in few]), none
+    none = of([piece.modes.phi[:, others] for piece in few])
+    own, most = of([piece.modes.phi for piece in few]), none
     if lead is not None:
-        own = max(own, likelihood([piece.shifted(terms, lead.at(piece.rows)) for piece in few]))
+        own = max(own, of([piece.shifted(terms, lead.at(piece.rows)) for piece in few]))
     for share in SHIFTS:
         moved = np.roll(rows.beta, round(share * len(rows.t)))
         if abs(np.corrcoef(moved, rows.beta)[0, 1]) > SAME_INPUT:
             continue
         at = [rows.cut(piece.rows.t[0], piece.rows.t[-1] + 0.5 * rows.period) for piece in few]
-        most = max(most, likelihood([piece.with_beta(terms, moved[part]) for piece, part in zip(few, at, strict=True)]))
+        most = max(most, of([piece.with_beta(terms, moved[part]) for piece, part in zip(few, at, strict=True)]))
     return own - most < max(0.5 * SURE**2, BEYOND * (own - none))
 
 
@@ -382,7 +403,7 @@ def moved_by(rows: Rows, terms: tuple[str, ...], fit: Fit, lack: Lack, m: Modes)
     w, size = 1.0 / np.sqrt(fit.variance), lack.size or 0.0
     phi = m.phi * w[:, None]
     if lack.what == "delay":
-        other = Piece(rows, m, fit, np.zeros(0)).shifted(terms, size) * w[:, None]
+        other = Piece(rows, m, fit, noise_likelihood(m)).shifted(terms, size) * w[:, None]
         return least(other, m.y * w) - least(phi, m.y * w)
     return size * least(phi, term_modes(rows, (lack.what,)).phi[:, 0] * w)
 
@@ -405,6 +426,12 @@ def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray,
         if np.any((by > np.maximum(std, TOLERANCE * np.abs(xi))) & (by * sizes > largest)):
             found.append(lack)
     return found
+
+
+def is_driving(value: float, std: float, parts: np.ndarray, k: int) -> bool:
+    """Whether a rate damping is of the wrong sign and counts among the parts (q,) of the motion, of which it is one:
+    beta answers the rate, and little else moves."""
+    return value > WRONG * std and bool(parts[k] > TOLERANCE * np.max(parts))
 
 
 def left_over(fit: Fit, m: Modes) -> tuple[float | None, Lack | None]:

@@ -16,7 +16,7 @@ are means over the row.
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -49,6 +49,7 @@ class Rows:
     bounds     first rows of the stretches without a gap, and the number of rows
     is_held    beta acts from each of its values to the next
     theta_noise, rate_noise  variances of the sensors' white noise, of theta and theta_dot, as their rows show it
+    fast (n,)  what theta does within FAST, by the whole log;  (0,) not known yet
     """
 
     t: np.ndarray
@@ -62,6 +63,7 @@ class Rows:
     theta_noise: float = 0.0
     rate_noise: float = 0.0
     is_held: bool = False
+    fast: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def attack(self) -> np.ndarray:
@@ -88,7 +90,8 @@ class Rows:
         """Return some of the rows."""
         n = len(self.t[at])
         inside = self.bounds[(self.bounds > at.start) & (self.bounds < at.stop)] - at.start
-        return replace(self, **{name: getattr(self, name)[at] for name in ("t", "theta", "gamma", "theta_dot", "beta")},
+        names = ("t", "theta", "gamma", "theta_dot", "beta", "fast")
+        return replace(self, **{name: getattr(self, name)[at] for name in names},
                        bounds=np.concatenate([[0], inside, [n]]))
 
 
@@ -123,8 +126,8 @@ def usable(seen: CheckedLog) -> Rows | None:
 
 
 def with_noise_levels(rows: Rows) -> Rows:
-    """Return the rows with the noise of their sensors."""
-    return replace(rows, theta_noise=noise_variance(rows.theta),
+    """Return the rows with the noise of their sensors, and the fast part of theta."""
+    return replace(rows, theta_noise=noise_variance(rows.theta), fast=fast_part(rows.t, rows.theta),
                    rate_noise=noise_variance(rows.theta_dot) if rows.has_rate else 0.0)
 
 
@@ -291,18 +294,16 @@ def regression(rows: Rows, values: np.ndarray, ends: np.ndarray, sensor: np.ndar
     return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, apart, sensor, motion)
 
 
-def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray,
-              is_causal: bool = True) -> np.ndarray:
+def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """Return a term (n,) of the rows, tau from their middle: of a library, or one that only the judge asks for."""
     if term == FAST_THETA:
-        return fast_part(rows)
+        return rows.fast
     if term == "gamma":
         return rows.gamma
     if term == "beta_ddot":
         ends = itertools.pairwise(rows.bounds.tolist())
         reach = max(1, round(BRIEF / rows.period))   # beta's own noise is not its acceleration
-        quotient = behind if is_causal else slope
-        return np.concatenate([quotient(rows.t[a:b], quotient(rows.t[a:b], beta[a:b], reach), 1) for a, b in ends])
+        return np.concatenate([behind(rows.t[a:b], behind(rows.t[a:b], beta[a:b], reach), 1) for a, b in ends])
     return column(term, attack, rate, beta, rows.t - 0.5 * (rows.t[0] + rows.t[-1]))
 
 
@@ -315,15 +316,12 @@ def behind(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
     return np.concatenate([[0.0], (x[1:] - x[before[1:]]) / (t[1:] - t[before[1:]])])[:len(t)]
 
 
-def fast_part(rows: Rows) -> np.ndarray:
-    """Return what theta does (n,) within FAST: it less its mean over that time before."""
-    reach = max(1, round(FAST / rows.period))
-    parts = []
-    for a, b in itertools.pairwise(rows.bounds.tolist()):
-        whole, at = np.concatenate([[0.0], np.cumsum(rows.theta[a:b])]), np.arange(b - a)
-        low, high = np.maximum(at - reach, 0), at + 1
-        parts.append(rows.theta[a:b] - (whole[high] - whole[low]) / (high - low))
-    return np.concatenate(parts)
+def fast_part(t: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Return what theta does (n,) within FAST: it less its mean over that time before, over lines across gaps."""
+    whole = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (theta[1:] + theta[:-1]))])
+    begin = np.maximum(t - FAST, t[0])
+    area, time = whole - np.interp(begin, t, whole), t - begin
+    return theta - np.divide(area, time, out=theta.copy(), where=time > 0.0)
 
 
 def term_modes(rows: Rows, terms: tuple[str, ...], beta: np.ndarray | None = None) -> Modes:
@@ -370,23 +368,37 @@ def ends_of(rows: Rows, terms: tuple[str, ...], values: np.ndarray, beta: np.nda
 
 
 def increments(rows: Rows, terms: tuple[str, ...], length: float) -> tuple[np.ndarray, ...]:
-    """Return times at which increments over a length [s] begin and end, of theta_dot (k,), of the terms (k, q)."""
-    span = max(1, round(length / rows.period))
+    """Return times at which increments over a length [s] begin and end, of theta_dot (k,), of the terms (k, q).
+
+    All are means about these times, over as much as a slope of theta or beta takes: of beta_ddot the integral is the
+    slope of beta.
+    """
+    span, around = max(1, round(length / rows.period)), max(1, round((BRIEF if rows.has_rate else SLOPE) / rows.period))
     parts: list[tuple[np.ndarray, ...]] = []
+    plain = tuple("1" if term == "beta_ddot" else term for term in terms)
     values = np.column_stack([np.zeros((len(rows.t), 0)), *(values_of(
-        rows, term, rows.attack, rows.theta_dot, rows.beta, is_causal=False) for term in terms)])
-    ends = ends_of(rows, terms, values, rows.beta)
+        rows, term, rows.attack, rows.theta_dot, rows.beta) for term in plain)])
+    ends = ends_of(rows, plain, values, rows.beta)
     for a, b in itertools.pairwise(rows.bounds.tolist()):
-        if b - a <= max(span, FEWEST):
+        if b - a <= max(span, FEWEST) + 2 * around:
             continue
-        t = rows.t[a:b]
+        t, beta, rate = rows.t[a:b], rows.beta[a:b], rows.theta_dot[a:b]
         area, _ = areas(t, values[a:b], ends[a:b])
-        whole = np.vstack([np.zeros(len(terms)), np.cumsum(area, axis=0)])
-        parts.append((t[:-span], t[span:], rows.theta_dot[a + span:b] - rows.theta_dot[a:b - span],
-                      whole[span:] - whole[:-span]))
+        whole = means_about(t, np.vstack([np.zeros(len(terms)), np.cumsum(area, axis=0)]), around)
+        rate = means_about(t, rate[:, None], around)[:, 0] if rows.has_rate else rate[around:-around]
+        for k in (k for k, term in enumerate(terms) if term == "beta_ddot"):
+            whole[:, k] = (beta[2 * around:] - beta[:-2 * around]) / (t[2 * around:] - t[:-2 * around])
+        t = t[around:-around]
+        parts.append((t[:-span], t[span:], rate[span:] - rate[:-span], whole[span:] - whole[:-span]))
     if not parts:
         return rows.t[:0], rows.t[:0], rows.t[:0], np.zeros((0, len(terms)))
     return tuple(np.concatenate(each) for each in zip(*parts, strict=True))
+
+
+def means_about(t: np.ndarray, x: np.ndarray, around: int) -> np.ndarray:
+    """Return the means (n - 2 around, q) of x (n, q) over so many rows to either side of each, by the trapezium."""
+    whole = np.vstack([np.zeros((1, x.shape[1])), np.cumsum(0.5 * np.diff(t)[:, None] * (x[1:] + x[:-1]), axis=0)])
+    return np.asarray((whole[2 * around:] - whole[:-2 * around]) / (t[2 * around:] - t[:-2 * around])[:, None])
 
 
 def noise_variance(x: np.ndarray) -> float:

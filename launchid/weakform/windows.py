@@ -12,15 +12,28 @@ from ..log.check import CheckedLog
 from ..log.rates import INTERPOLATED
 from ..sums import combined, square
 from .fit import Fit, Prior, gls, least, noise_likelihood
-from .judge import INCREMENT, PER_COEFFICIENT, TOLERANCE, Lack, Lead, Question, against, left_over, question
+from .judge import (
+    INCREMENT,
+    PER_COEFFICIENT,
+    TOLERANCE,
+    Lack,
+    Lead,
+    Question,
+    against,
+    is_driving,
+    left_over,
+    question,
+)
 from .rows import Modes, Rows, increments, term_modes, usable
 
 POOLED = 0.2         # of the likelihood of the noise's ratios in the whole log, that counts in each of its windows
 ALIKE, VAGUE = 0.99, 0.3   # |correlation| of a6 and k1, relative deviations, beyond which they are not told apart
+WORTH = 0.5          # of the largest term, that one standard deviation of the term of a6 or k1 may be
 BY_CHANCE = 6.0      # chi square of two, 95 %: what a drift of a6 and k1 moves them by beyond is in the deviations
 HELD_OUT = 3         # the last of so many parts of a window is held out for its `fit`
 LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
 TWICE = 2.0          # standard deviations of the weak form, within which another formulation agrees with it
+NARROW = 3.0         # times as large a deviation of the weak form contradicts that of another formulation
 WITHDRAWN = 20.0     # s before a contradiction: as long as the estimator takes to forget one
 UNTOLD = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # what something missing may look like
 
@@ -145,7 +158,8 @@ def _of_window(rows: Rows, e: Estimate, asked: Question,
     p, unexplained = left_over(fit, m) if not fit.is_singular else (None, None)
     shown = held_out(rows, made, p) if made.valid else WindowFit()
     if not made.valid:
-        lacking = asked.lacks if made.status in UNTOLD else []
+        lacking = [lack for lack in asked.lacks if lack.is_most] or asked.lacks
+        lacking = lacking if made.status in UNTOLD or asked.is_placebo else []
         return (refused(made) if lacking else made), shown, lacking, made
     values = dict(zip(made.terms, made.xi[:, 1].tolist(), strict=True))
     xi = np.array([values[term] for term in terms])
@@ -153,12 +167,17 @@ def _of_window(rows: Rows, e: Estimate, asked: Question,
     lacking = against(part, terms, xi, std, fit, m, asked.lacks)
     if unexplained is not None and not lacking:
         lacking = [unexplained]
+    if "theta_dot" in asked.known:   # which nobody asked for
+        k = terms.index("theta_dot")
+        if is_driving(xi[k], std[k], np.abs(xi) * np.sqrt(np.sum(m.phi**2, axis=0)), k):
+            lacking = [Lack("driving", size=float(xi[k]), std=float(std[k]))]
     if not is_weak and not lacking and not fit.is_singular:
         own = np.sqrt(np.diag(fit.covariance))
         off = np.abs(xi - fit.xi)
         sizes = np.sqrt(np.sum(m.phi**2, axis=0))
-        if np.any((off > np.maximum(TWICE * np.hypot(own, std), TOLERANCE * np.abs(fit.xi)))
-                  & (off * sizes > TOLERANCE * np.max(np.abs(fit.xi) * sizes))):
+        counts = TOLERANCE * np.max(np.abs(fit.xi) * sizes) / np.maximum(sizes, 1e-300)
+        differ = (off > np.maximum(TWICE * np.hypot(own, std), TOLERANCE * np.abs(fit.xi))) & (off > counts)
+        if np.any(differ | ((own > NARROW * std) & (own > counts))):   # nothing is known better than by weights
             lacking = [Lack("coefficients")]
     return (refused(made) if lacking else made), shown, lacking, made
 
@@ -168,9 +187,9 @@ def window_fit(m: Modes, terms: tuple[str, ...], asked: Question, is_whole: bool
     the whole log tells them."""
     prior: Prior = () if is_whole else [(terms.index(term), *known) for term, known in asked.known.items()
                                         if term in terms]
-    own = noise_likelihood(m)[0]
-    pooled = [piece.likelihood for piece in asked.pieces]
-    return gls(m, own + POOLED * np.sum(pooled, axis=0) if pooled else own, prior)
+    own = noise_likelihood(m)
+    pooled = [piece.noise.restricted for piece in asked.pieces]
+    return gls(m, own.restricted + POOLED * np.sum(pooled, axis=0) if pooled else None, prior, own)
 
 
 def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) -> Estimate:
@@ -188,7 +207,9 @@ def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) 
     if min(pair) >= 0:
         correlation = covariance[pair[0], pair[1]] / std[pair[0]] / std[pair[1]]
         relative = std[pair] / np.abs(fit.xi[pair])
-        if np.all(relative > 1.0):
+        sizes = np.sqrt(np.sum(m.phi**2, axis=0))
+        worth = std[pair] * sizes[pair] / np.max(np.abs(fit.xi) * sizes)
+        if np.all(relative > 1.0) or np.max(worth) > WORTH:
             return dataclasses.replace(blank, status=EstimateStatus.LOW_INFORMATION)
         if abs(correlation) > ALIKE and np.all(relative > VAGUE):
             return dataclasses.replace(blank, status=EstimateStatus.SEPARATION)
@@ -211,15 +232,16 @@ def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) 
 def drift(rows: Rows, fit: Fit, terms: tuple[str, ...]) -> np.ndarray:
     """Return the covariance (q, q) that lines in time in a6 and k1 make of the coefficients beyond chance."""
     q = len(terms)
-    slopes = tuple(f"tau*{term}" for term in ("theta", "beta") if term in terms and f"tau*{term}" not in terms)
+    slopes = tuple(f"tau*{term}" for term in ("theta", "sin(theta)", "beta")
+                   if term in terms and f"tau*{term}" not in terms)
     nothing = np.zeros((q, q))
-    if len(slopes) < 2:
+    if len(slopes) != 2:
         return nothing
     wide = term_modes(rows, (*terms, *slopes))
     bent = gls(wide)
     if bent.is_singular:
         return nothing
-    pair = [terms.index("theta"), terms.index("beta")]
+    pair = [terms.index(slope.removeprefix("tau*")) for slope in slopes]
     off = (bent.xi[:q] - fit.xi)
     spread = bent.covariance[np.ix_(pair, pair)] - fit.covariance[np.ix_(pair, pair)]
     scale = np.sqrt(np.maximum(np.diag(bent.covariance)[pair], 1e-300))

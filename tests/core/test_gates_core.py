@@ -12,7 +12,6 @@ from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator
-from launchid_core.algebra import linsolve
 from launchid_core.filter import belief as bl
 from launchid_core.filter import filtered as fl
 from launchid_core.filter import states as sx
@@ -23,10 +22,9 @@ from launchid_core.watch import tracker as tr
 from sim.nominal import load_nominal
 
 absorb, mix, move, restart_bank, track = map(unjitted, (tr.absorb, tr.mix, tr.move, tr.restart_bank, tr.track))
-carry_columns, follow_onset, follow_onsets, onset_time, open_onset, raise_alarm, settle_event = map(unjitted, (
-    linsolve.carry_columns, ch.follow_onset, ch.follow_onsets, ch.onset_time, ch.open_onset, ch.raise_alarm,
-    ch.settle_event))
-withdraw_events = unjitted(ch.withdraw_events)
+follow_onset, follow_onsets, onset_time, open_onset, raise_alarm, settle_event, withdraw_events = map(unjitted, (
+    ch.follow_onset, ch.follow_onsets, ch.onset_time, ch.open_onset, ch.raise_alarm, ch.settle_event,
+    ch.withdraw_events))
 
 BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
 VALUES = [ch.E_A6_BEFORE, ch.E_A6_AFTER, ch.E_K1_BEFORE, ch.E_K1_AFTER]
@@ -50,15 +48,6 @@ def opened(watch, blocks: int, belief=BELIEF, first: float = 0.0) -> None:
 
 
 # ---- tracker
-
-
-def test_a_members_evidence_fades():
-    """A block without information has density 1: what is left is the old evidence, exp(-dt/memory) of it."""
-    cut = parts()
-    bank = cut.state.bank
-    bank.evidence[:] = -8.0, -2.0
-    track(bank, cut.work.bank, 30.0, 6.0, np.zeros((3, 3)))
-    assert bank.evidence == pytest.approx(np.array([-8.0, -2.0]) * math.exp(-6.0 / 30.0), rel=1e-15)
 
 
 def test_evidence_is_judged_by_its_differences_alone():
@@ -141,40 +130,6 @@ def test_a_restart_of_the_bank_keeps_the_evidence_and_forgets_the_slopes():
 # ---- changes: onsets
 
 
-def test_an_onset_believes_what_was_believed_and_a_jump():
-    watch = parts().state.watch
-    carried = np.arange(8.0).reshape(4, 2)
-    open_onset(N, watch, BELIEF, carried, 3.0)
-    jump = ch.JUMP_STD**2
-    assert watch.start[0] == 3.0 and watch.before[0].tolist() == BELIEF.tolist()
-    assert (watch.carried[0] == carried).all() and watch.factor[0].tolist() == [0.0, 0.0]
-    assert watch.mean[0].tolist() == [[0.1, -0.2]] * 2
-    assert watch.covariance[ch.K1_JUMP] == pytest.approx(np.array([[0.01, 0.002], [0.002, 0.02 + jump]]))
-    assert watch.covariance[ch.BOTH_JUMP] == pytest.approx(np.array([[0.01 + jump, 0.002], [0.002, 0.02 + jump]]))
-
-
-def test_no_more_onsets_are_kept_than_there_is_room_for():
-    watch = parts().state.watch
-    opened(watch, ch.ONSETS + 6)
-    assert watch.counts[ch.KEPT] == ch.ONSETS and watch.counts[ch.NEXT] == 6
-    assert watch.start[5] == pytest.approx(0.1 * (ch.ONSETS + 5))  # the newest took the oldest one's place
-
-
-def test_an_onset_used_again_begins_with_no_evidence():
-    watch = parts().state.watch
-    watch.factor[...] = 5.0
-    opened(watch, 1)
-    assert watch.factor[0].tolist() == [0.0, 0.0]
-
-
-def test_an_onsets_deviations_drift():
-    watch = parts().state.watch
-    opened(watch, 1)
-    before = watch.covariance[0].copy()
-    assert follow_onset(N, watch, parts().work.bank, 0, 0, np.zeros((7, 7)), 0.4) == 0.0
-    assert watch.covariance[0] - before == pytest.approx(np.eye(2) * ch.DRIFT**2 * 0.4)
-
-
 @pytest.mark.parametrize("kind", [ch.K1_JUMP, ch.BOTH_JUMP])
 def test_after_an_onset_the_state_still_obeys_the_values_before(kind):
     """Density of the block under z = (h - h_past) p + h_past p_before + noise, rows in turn, as plain algebra."""
@@ -189,15 +144,6 @@ def test_after_an_onset_the_state_still_obeys_the_values_before(kind):
     expected = -0.5 * (np.linalg.slogdet(s)[1] + e @ np.linalg.solve(s, e))
     assert follow_onset(N, watch, parts().work.bank, 0, kind, pair, 0.1) == pytest.approx(expected)
     assert watch.mean[0, kind] == pytest.approx(BELIEF[:2] + p @ h.T @ np.linalg.solve(s, e))
-
-
-def test_the_sensitivities_of_an_onset_are_carried_over_the_block():
-    watch = parts().state.watch
-    random = np.random.default_rng(4)
-    carried, transition = random.standard_normal((4, 2)), random.standard_normal((4, 6))
-    open_onset(N, watch, BELIEF, carried, 0.0)
-    carry_columns(transition, N, watch.carried[0], 2, np.zeros(4))
-    assert watch.carried[0] == pytest.approx(transition[:, :4] @ carried)
 
 
 def test_the_largest_factor_of_the_onsets_that_are_kept_wins():
@@ -243,24 +189,6 @@ def alarm(watch, slot: int, kind: int, t_now: float):
     return after, watch.event[(watch.counts[ch.EVENTS] - 1) % ch.MAX_EVENTS]
 
 
-@pytest.mark.parametrize("kind", [ch.K1_JUMP, ch.BOTH_JUMP])
-def test_an_alarm_is_an_event_and_forgets_the_onsets(kind):
-    watch = parts().state.watch
-    opened(watch, 5)
-    watch.factor[2], watch.mean[2, kind] = 15.0, (0.2, -0.6)
-    after, event = alarm(watch, 2, kind, 0.5)
-    both = float(kind == ch.BOTH_JUMP)
-    expected = [0.2, -0.6, 0.01 + both * ch.JUMP_STD**2, 0.002, 0.02 + ch.JUMP_STD**2]
-    assert after == pytest.approx(expected)
-    assert watch.counts[ch.EVENTS] == 1 and watch.counts[ch.KEPT] == 0
-    assert watch.counts[ch.SINCE] == 3  # blocks that began since the onset did, its own among them
-    assert event[ch.E_TIME] == pytest.approx(0.2, abs=1e-6)
-    assert event[ch.E_ALARM] == 0.5 and event[ch.E_STAGE] == ch.OPEN
-    assert event[ch.E_KIND] == kind and watch.reference == pytest.approx(BELIEF)
-    assert event[VALUES] == pytest.approx([0.1, 0.2, -0.2, -0.6])
-    assert event[[ch.E_A6_VARIANCE, ch.E_K1_VARIANCE]] == pytest.approx([0.01 + expected[2], 0.02 + expected[4]])
-
-
 def test_an_alarm_while_the_last_events_size_is_open_belongs_to_it():
     """One change, not two: time and values before are the first alarm's, size and kind what is known now."""
     watch = parts().state.watch
@@ -278,18 +206,6 @@ def test_an_alarm_while_the_last_events_size_is_open_belongs_to_it():
     opened(watch, 1, first=0.6)
     alarm(watch, 6, ch.K1_JUMP, 0.7)
     assert event[ch.E_KIND] == ch.BOTH_JUMP  # a6 has jumped, whatever followed
-
-
-def test_an_alarm_after_the_last_events_size_is_final_is_another_event():
-    watch = parts().state.watch
-    opened(watch, 1)
-    alarm(watch, 0, ch.K1_JUMP, 0.1)
-    watch.event[0, ch.E_STAGE] = ch.FINAL
-    later = BELIEF + 0.01
-    opened(watch, 1, later, 9.0)
-    _, event = alarm(watch, 1, ch.K1_JUMP, 9.1)
-    assert watch.counts[ch.EVENTS] == 2 and watch.reference == pytest.approx(later)
-    assert event[ch.E_TIME] == pytest.approx(9.0) and watch.event[0, ch.E_TIME] == 0.0
 
 
 def test_an_events_size_is_final_after_two_seconds_of_blocks_and_moves_no_more():
@@ -361,13 +277,6 @@ def watched(factor: float):
     return watch_block(cut), cut
 
 
-@pytest.mark.parametrize(("factor", "raised"), [(ch.THRESHOLD - 0.01, False), (ch.THRESHOLD + 0.01, True),
-                                                (math.nan, False)])
-def test_the_alarm_is_raised_above_its_threshold_only(factor, raised):
-    said, cut = watched(factor)
-    assert said == raised and cut.state.watch.counts[ch.EVENTS] == int(raised)
-
-
 def test_an_alarm_moves_state_and_linearisation_and_restarts_the_tracker():
     """x <- x + s (p_before - p_bar) + (s - carried) (p_after - p_before); s - carried; p gains the slip."""
     _, cut = watched(ch.THRESHOLD + 1.0)
@@ -381,11 +290,3 @@ def test_an_alarm_moves_state_and_linearisation_and_restarts_the_tracker():
     assert bank.mean[:, :2].tolist() == [[0.4, -0.3]] * 2
     jump = ch.JUMP_STD**2
     assert bank.total[[tr.VAR_A6, tr.VAR_K1]] == pytest.approx([0.01 + jump, 0.02 + jump])
-
-
-def test_a_block_without_an_alarm_lets_the_last_events_size_settle():
-    cut = parts()
-    watch = cut.state.watch
-    watch.counts[ch.EVENTS], watch.counts[ch.SINCE] = 1, ch.SETTLE
-    assert not watch_block(cut)
-    assert watch.event[0, ch.E_STAGE] == ch.FINAL

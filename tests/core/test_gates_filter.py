@@ -18,7 +18,6 @@ from launchid_core.filter import servo as sv
 from launchid_core.filter import states as sx
 from launchid_core.filter import structure as sr
 from launchid_core.filter import whiteness as wh
-from launchid_core.gate import ring as rb
 from launchid_core.order.table import LARGEST
 from launchid_core.watch import changes as ch
 from launchid_core.watch import report as rp
@@ -93,19 +92,6 @@ def test_a_measurement_is_an_outlier_beyond_eight_sigma_of_its_innovation(channe
     assert fil.outliers.sum() == 1  # the other channels' are their own
 
 
-def test_a_measurement_that_is_missing_saturated_or_an_outlier_is_no_row():
-    cut = parts(theta_dot_saturation=0.1)
-    assert take(cut, 0.0) == 3
-    assert take(cut, 0.01, theta_dot=math.nan) == 2
-    assert take(cut, 0.02, theta_dot=0.1) == 2 and take(cut, 0.03, theta_dot=-0.1) == 2
-    assert cut.state.filter.note.tolist() == [0, 0, 0, 1, 0]  # an end stop is the sensor's own word; one segment began
-    x = cut.state.filter.x.copy()
-    assert take(cut, 0.04, theta=1.0) == 2
-    assert cut.state.filter.note.tolist() == [1, 0, 0, 1, 0]
-    assert abs(cut.state.filter.x[0] - x[0]) < 1e-3  # it moved nothing
-    assert cut.state.acc.counts[fl.SAMPLES] == 5
-
-
 @pytest.mark.parametrize("channel", CHANNELS)
 @pytest.mark.parametrize("spikes", [1, 7])
 def test_a_flight_with_so_many_spikes_counts_so_many_outliers(samples, channel, spikes):
@@ -118,16 +104,6 @@ def test_a_flight_with_so_many_spikes_counts_so_many_outliers(samples, channel, 
 
 
 # ---- the filter begins anew
-
-
-def test_when_a_segment_begins():
-    cut = parts()
-    belief, fil = cut.fixed.belief, cut.state.filter
-    for t in (0.0, 0.01):  # the first sample of all, whatever its t
-        assert begins_anew(belief, fil, t, MAX_GAP)
-    start_segment(belief, fil, 1.0, 0.0, 0.0, 0.0, math.nan)
-    for dt, anew in ((0.01, False), (0.0149, False), (0.0151, True), (0.0, True), (-0.01, True), (math.nan, True)):
-        assert begins_anew(belief, fil, 1.0 + dt, MAX_GAP) == anew
 
 
 @pytest.mark.parametrize("channel", range(3))
@@ -161,18 +137,6 @@ def test_a_segment_begins_with_its_sample_and_nothing_of_before():
     assert fil.x[1] == 0.0 and fil.p[1, 1] == pr.UNKNOWN_RATE_STD**2 and not fil.sp[1].any()
 
 
-def test_a_gap_is_counted_and_leaves_the_window_its_terms_but_not_its_offset():
-    cut = parts()
-    acc, note = cut.state.acc, cut.state.filter.note
-    take(cut, 0.0)
-    take(cut, 0.01)
-    assert acc.counts[fl.GAPS] == 0 and note[sx.RESTARTS] == 0  # the first sample of all follows no gap
-    acc.window[...], acc.psi[...] = 3.0, 4.0
-    take(cut, 0.01 + MAX_GAP + 1e-6)
-    assert acc.counts[fl.GAPS] == 1 and note[sx.RESTARTS] == 1
-    assert not acc.window[:4].any() and (acc.window[4:] == 3.0).all() and acc.psi.tolist() == np.eye(4).tolist()
-
-
 def test_a_gap_in_flight_is_one_restart(samples):
     assert noted(flown(samples[:250] + samples[280:])) == (0, 1)
     assert flown(samples[:250] + samples[280:300]).estimate().gaps == 1
@@ -199,44 +163,6 @@ def test_a_clock_set_back_gives_up_the_window_and_is_no_restart_of_the_filters_o
     assert estimate.t_start == pytest.approx(1.54) and estimate.rows == 100 and estimate.gaps == 0
 
 
-def test_a_window_that_closes_and_a_clock_set_back_end_the_block(samples):
-    """95 samples a window, so that its last block is not full; the clock is set back after 3 of a block."""
-    estimator = flown(samples[:95], config(window=0.95))
-    counts = estimator._parts.state.acc.counts
-    assert estimator.counts["WINDOW_COMPLETE"] == 1 and counts[fl.ROWS] == 0
-    for sample in [*samples[95:148], *(sample._replace(t=sample.t - 1.0) for sample in samples[148:153])]:
-        estimator.update(sample)
-    assert estimator.counts["CLOCK_RESET"] == 1 and counts[fl.ROWS] == 0
-
-
-def test_a_block_ends_where_a_segment_does(samples):
-    """Ten samples, three and then a gap: blocks of ten, of three, and one that begins after the gap."""
-    estimator = flown(samples[:13] + samples[20:30])
-    watch = estimator._parts.state.watch
-    assert watch.counts[ch.KEPT] == 2  # closed blocks; the third waits
-    for sample in samples[30:43]:
-        estimator.update(sample)
-    assert watch.start[:3] == pytest.approx([0.0, 0.1, 0.2])
-
-
-def test_a_new_flight_begins_with_nothing_noted(samples):
-    hit = [*samples[:100], samples[100]._replace(theta=1.0), *samples[110:200]]
-    estimator = flown(hit)
-    assert noted(estimator) == (1, 1)
-    estimator.reset()
-    assert noted(estimator) == (0, 0) and estimator.counts["LEVEL_CLAMP"] == 0
-
-
-def test_an_irregular_step_has_its_own_constants():
-    cut = parts()
-    step = cut.state.filter.step
-    take(cut, 0.0)
-    for t, h in ((0.01, 0.01), (0.02, 0.01), (0.032, 0.012), (0.042, 0.01)):
-        take(cut, t)
-        assert step[sv.STEP] == pytest.approx(h, rel=1e-6)
-        assert step[sv.GAMMA] == pytest.approx(0.5 * (50.0 * h) ** 2, rel=0.3)  # of a nozzle at w = 50 rad/s, early on
-
-
 # ---- the command
 
 
@@ -247,14 +173,6 @@ def test_the_command_acts_after_its_delay_linear_between_samples():
         take_command(constant, 0, fil, command)
     assert fil.command[:4].tolist() == [4.0, 2.0, 1.0, 8.0]
     assert delayed_input(constant, fil) == pytest.approx(0.5 * 1.0 + 0.5 * 8.0)
-
-
-def test_without_a_delay_a_command_acts_at_once():
-    cut = parts(model=dataclasses.replace(onboard_model(load_nominal("constant")), delay=0.0))
-    fil = cut.state.filter
-    fil.command[1] = math.nan
-    take_command(cut.fixed.belief.constant, 0, fil, 3.0)
-    assert delayed_input(cut.fixed.belief.constant, fil) == 3.0
 
 
 def test_an_unknown_command_is_the_nozzles_place_and_some_doubt():
@@ -329,33 +247,6 @@ def test_of_what_is_known_of_the_terms_nine_tenths_are_left_after_a_second(dt):
     assert learner.T @ learner == pytest.approx(0.9 * np.triu(np.ones((4, 4))).T @ np.triu(np.ones((4, 4))), rel=0.002)
 
 
-def test_a_block_is_no_longer_than_its_window():
-    assert parts(window=0.05).apart["rows"].shape[1] == 3 * 5
-    assert parts(window=5e-5, sample_period=1e-6).apart["rows"].shape[1] == 3 * 50
-
-
-def test_what_is_known_of_the_noise_levels_fades_towards_the_prior():
-    cut = parts()
-    fil, acc = cut.state.filter, cut.state.acc
-    acc.level_information[...] = np.diag([10.0, 20.0, 30.0, 40.0, 50.0]) + 1.0
-    prior = fl.LEVEL_PRIOR * np.eye(5)
-    expected = prior + fl.LEVEL_MEMORY * (acc.level_information - prior) + 2.0 * np.eye(5)
-    acc.information[...] = 2.0 * np.eye(5)
-    update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
-    assert acc.level_information == pytest.approx(expected)
-
-
-def test_noise_levels_that_nothing_is_known_of_stay():
-    cut = parts()
-    fil, acc = cut.state.filter, cut.state.acc
-    fil.level[:] = 0.3
-    acc.level_information[...] = fl.LEVEL_PRIOR * np.eye(5)
-    acc.information[...] = -fl.LEVEL_PRIOR * np.eye(5)
-    acc.score[:] = 1.0
-    update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
-    assert fil.level.tolist() == [0.3] * 5 and fil.note.tolist() == [0, 0, 0, 0, 0]
-
-
 def test_a_noise_declared_five_times_too_small_is_followed_in_cut_steps(samples):
     """log 5 in steps of 0.05 is 32 blocks at least; a noise declared right is cut in few of the 60 blocks."""
     right = load_nominal("constant")
@@ -370,15 +261,6 @@ def test_a_noise_declared_five_times_too_small_is_followed_in_cut_steps(samples)
 
 
 # ---- a block
-
-
-def test_the_filter_is_linearised_about_the_member_that_drifts(samples):
-    """A drift does then not pass for noise."""
-    estimator = flown(samples[:400])
-    state = estimator._parts.state
-    assert state.counts[rb.WAITING] == 0  # a block has just closed
-    assert state.filter.p_bar.tolist() == state.bank.mean[tr.MEMBERS[:, tr.WALK].argmax(), :2].tolist()
-    assert abs(state.bank.mean[0, :2] - state.bank.mean[1, :2]).max() > 1e-4  # or there was nothing to tell
 
 
 def test_a_block_that_raises_the_alarm_is_neither_noise_nor_structure_nor_the_windows(samples):
@@ -397,16 +279,6 @@ def test_a_block_that_raises_the_alarm_is_neither_noise_nor_structure_nor_the_wi
     known = range(4, len(terms) - 1 - sx.N_TESTS)
     terms[known, known] = fl.WEAK_PRIOR
     assert state.acc.window.tolist() == terms.tolist() and state.acc.counts[fl.SAMPLES] == 0
-
-
-def test_a_block_without_a_row_changes_nothing(samples):
-    """Every sensor at its end stop."""
-    estimator = flown(samples[:100], config(theta_saturation=1.0, theta_dot_saturation=1.0, beta_saturation=1.0))
-    state = estimator._parts.state
-    before = state.bank.total.copy()
-    for sample in samples[100:205]:  # a window closes, too
-        estimator.update(sample._replace(theta=1.0, theta_dot=1.0, beta=1.0))
-    assert state.bank.total.tolist() == before.tolist() and state.watch.counts[ch.KEPT] == 10
 
 
 # ---- a window, and what is reported

@@ -28,8 +28,8 @@ DECLARED = dataclasses.replace(CALM, wind=Wind(walk=0.005, turbulence=0.005),
 BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
 FAR = 4.0  # own standard deviations
 
-mix_gust, blow, see_block, carry_gust, follow_gust, take_gust, accept_gust = map(
-    unjitted, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, gu.take_gust, bk.accept_gust))
+mix_gust, blow, see_block, carry_gust, follow_gust, accept_gust = map(
+    unjitted, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, bk.accept_gust))
 
 
 def config(nominal=DECLARED, window: float = 1.0) -> Config:
@@ -97,15 +97,6 @@ def test_in_a_block_the_wind_does_what_is_declared_and_not_expected(cut):
     assert np.diag(cut.state.gust.covariance) == pytest.approx(expected)
 
 
-def test_where_wind_is_expected_nothing_is_weighed(cut):
-    cut.state.filter.level[5:] = gu.CALM
-    guessed(cut.state.gust, 3)
-    cut.state.gust.number[gu.SHARE] = 0.5
-    pair = np.eye(len(cut.state.gust.mean) + 1)
-    density = follow_gust(cut.fixed.belief, cut.state.filter, cut.state.gust, cut.work.gust, pair, BELIEF, 0.1, -1.25)
-    assert density == -1.25 and not cut.state.gust.mean.any() and cut.state.gust.number[gu.SHARE] == 0.0
-
-
 def test_without_data_a_gust_is_as_likely_as_they_come_and_go(cut):
     """A block that tells nothing has density 1 under both: the share goes to APART^-1/(APART^-1 + LASTS^-1)."""
     n = len(cut.state.gust.mean)
@@ -114,23 +105,6 @@ def test_without_data_a_gust_is_as_likely_as_they_come_and_go(cut):
                               np.zeros((n + 1, n + 1)), BELIEF, 0.1, 0.0)
         assert density == pytest.approx(0.0, abs=1e-12)
     assert cut.state.gust.number[gu.SHARE] == pytest.approx(gu.LASTS / (gu.APART + gu.LASTS), rel=0.05)
-
-
-def test_what_is_taken_over_is_what_the_hypothesis_believes(cut):
-    """Mean and covariance of the state, a6 and k1 being what they are: x + s (p - p_bar) + d given p."""
-    fil, gust = cut.state.filter, cut.state.gust
-    random, n = np.random.default_rng(4), len(fil.x)
-    fil.x[:], fil.p[...], fil.s[...] = random.standard_normal(n), np.eye(n), random.standard_normal(fil.s.shape)
-    fil.p_bar[:] = 0.3, -0.1
-    mean, covariance = guessed(gust, 5)
-    term, p = n + cut.fixed.belief.term, np.array([0.7, 0.2])
-    gain = covariance[:n, n:] @ np.linalg.inv(covariance[n:, n:])
-    expected = fil.x + fil.s[:, term] @ (p - fil.p_bar) + mean[:n] + gain @ (p - mean[n:])
-    spread = np.eye(n) + covariance[:n, :n] - gain @ covariance[n:, :n]
-    take_gust(cut.fixed.belief, fil, cut.state.acc, gust)
-    assert fil.x + fil.s[:, term] @ (p - fil.p_bar) == pytest.approx(expected)
-    assert fil.p == pytest.approx(spread) and np.array_equal(fil.p, fil.p.T)
-    assert fil.level[5:].tolist() == [0.0, 0.0]
 
 
 def test_a_gust_that_is_taken_over_leaves_k1_open(cut):

@@ -16,12 +16,9 @@ from launchid.weakform.windows import withdrawn
 from launchid_core import Config, EstimateStatus, Estimator, Status
 from launchid_core.algebra import linsolve
 from launchid_core.filter import belief as bl
-from launchid_core.filter import whiteness as wh
 from launchid_core.gate.guard import CARRIED
-from launchid_core.order.assembly import allocate
 from launchid_core.order.memory import named_arrays
 from launchid_core.watch import changes as ch
-from launchid_core.watch import tracker as tr
 from launchid_core.watch import undeclared as un
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters
@@ -33,9 +30,8 @@ WINDOW = 5.0
 FAR = 3.0  # own standard deviations
 SEED = 31
 
-measure, distance, free_deviations, choose_filter, forget_constants, pace, restart, reduce_moment, follow = map(
-    unjitted, (linsolve.measure, un.distance, un.free_deviations, un.choose_filter, un.forget_constants, un.pace,
-               un.restart_undeclared, un.reduce_moment, un.follow_undeclared))
+measure, distance, choose_filter, forget_constants, restart, reduce_moment = map(unjitted, (
+    linsolve.measure, un.distance, un.choose_filter, un.forget_constants, un.restart_undeclared, un.reduce_moment))
 begin_block, go_back = unjitted(un.begin_block), unjitted(un.go_back)
 
 
@@ -112,14 +108,6 @@ def test_what_hides_in_the_declared_noise_contradicts_nothing():
     assert work.triangle == pytest.approx(0.2 * whole)
 
 
-def test_the_pace_is_the_members_mixture():
-    weight = np.array([0.9, 0.1])
-    walk, slope = pace(weight)
-    assert walk == pytest.approx(math.sqrt(weight @ tr.MEMBERS[:, 0]**2))
-    assert slope == pytest.approx(math.sqrt(weight @ tr.MEMBERS[:, 1]**2))
-    assert pace(np.array([1.0, 0.0])) == pytest.approx(tr.STEADY)
-
-
 def test_what_is_forgotten_is_never_less_known_than_at_first(state):
     covariance = state.covariance[0]
     covariance[4, 4], covariance[5, 5] = 1e-6, 2e-6
@@ -144,53 +132,6 @@ def test_the_filter_that_predicts_better_is_the_one_to_go_on_from(state):
     state.mean[un.NEW, 4] = 0.02
     choose_filter(state, 1.01 * un.ANOTHER)
     assert state.mean[un.CONSTANT, 4] == 0.02 and not state.better.any()
-
-
-def followed(level: float, triangle: np.ndarray, *doubts: int):
-    """State after this block, once for each of `doubts`."""
-    cut = cut_of(config(load_nominal("constant")))
-    cut.state.filter.level[:] = level
-    for doubt in doubts:
-        follow(cut.fixed.belief, cut.apart["profile"], cut.state.filter, cut.state.undeclared, cut.work.undeclared,
-               triangle, np.array([0.5, 0.5]), doubt, 10.0, 0.1)
-    return cut.state.undeclared
-
-
-def test_a_block_of_quiet_noise_is_taken_as_of_the_declared():
-    triangle = np.triu(np.random.default_rng(3).standard_normal((11, 11)))
-    quiet, as_declared = followed(-2.0, triangle, 0), followed(0.0, math.exp(-2.0) * triangle, 0)
-    assert quiet.mean == pytest.approx(as_declared.mean)
-    assert quiet.covariance == pytest.approx(as_declared.covariance)
-
-
-def test_while_changes_follow_one_another_nothing_is_learned_and_afterwards_it_begins_anew():
-    """A gust, of which it learned as it began; after blocks that contradicted, a6 and k1 alone are forgotten."""
-    triangle = 3.0 * np.triu(np.random.default_rng(4).standard_normal((11, 11)))
-    once, resting = followed(0.0, triangle, 0), followed(0.0, triangle, 0, wh.KEEPS_CHANGING)
-    assert (resting.mean == once.mean).all() and (resting.covariance == once.covariance).all()
-    anew = followed(0.0, triangle, 0, wh.KEEPS_CHANGING, 0)
-    assert (anew.mean == once.mean).all() and (anew.covariance == once.covariance).all()
-    freed = followed(0.0, triangle, 0, wh.BLOCKS, 0)
-    assert freed.covariance[0, 4, 4] < anew.covariance[0, 4, 4] and freed.flag[un.DOUBT] == 0
-
-
-def test_a_sudden_change_frees_a6_and_k1_of_the_first_filter_alone(state):
-    restart(state)
-    for f in range(un.FILTERS):
-        state.covariance[f] *= 1e-4
-        state.mean[f] = 0.01
-    free_deviations(state, un.CONSTANT)
-    assert state.mean[0].tolist() == [0.0] * 4 + [0.01] * 2 and (state.mean[1] == 0.01).all()
-    assert state.covariance[0].diagonal() == pytest.approx(
-        [bl.FIRST_STD**2] * 2 + [tr.DRIFTING[1]**2] * 2 + [1e-4 * un.UNDECLARED_STD**2] * 2)
-    assert state.covariance[1, 0, 0] == pytest.approx(1e-4 * bl.FIRST_STD**2)
-
-
-def test_a_model_with_nuisances_of_its_own_has_none():
-    declared = dataclasses.replace(load_nominal("constant"), wind=Wind(walk=0.005, turbulence=0.005))
-    offsets = dataclasses.replace(load_nominal("constant"), offsets=Offsets(attitude_bias=0.005))
-    for nominal in (declared, offsets):
-        assert allocate(config(nominal)).parts.state.undeclared.mean.size == 0
 
 
 # ---- in flight

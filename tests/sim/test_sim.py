@@ -17,14 +17,13 @@ from unjitted import unjitted, unjitted_module
 from sim.effects import Changes, from_text
 from sim.errors import InputError, UsageError
 from sim.flight import SUITES, Flight, dispersion, fly, fly_whole, noise
-from sim.nominal import BUILT_IN, Nominal, Profile, built_in, load_nominal, read_profile
+from sim.nominal import BUILT_IN, Nominal, Profile, built_in, load_nominal
 from sim.sections import Section
 from sim.vehicle.actuator import delayed_command
 from sim.vehicle.controller import limited, pseudo_derivative
 from sim.vehicle.record import NOISE, SECTION, TICK, Vehicle, assembled
 from sim.vehicle.step import measure, runge_kutta_4
 
-ROOT = Path(__file__).resolve().parents[2]
 CONSTANT = tomllib.loads(built_in("constant").read_text(encoding="utf-8"))
 SECTIONS = ("actuator", "controller", "guidance", "sensors", "simulation", "uncertainty", "vehicle")
 
@@ -66,7 +65,7 @@ def fly_open_loop(steps: int, duration: float = 0.4) -> np.ndarray:
 
 
 def test_runge_kutta_is_of_fourth_order():
-    fine = fly_open_loop(16 * 128)
+    fine = fly_open_loop(4 * 128)
     errors = [np.linalg.norm(fly_open_loop(steps) - fine) for steps in (32, 64, 128)]
     orders = np.log2([errors[0] / errors[1], errors[1] / errors[2]])
     assert (np.abs(orders - 4.0) < 0.35).all(), orders
@@ -410,13 +409,6 @@ POSITIVE = {("actuator", "natural_frequency"), ("actuator", "deflection_limit"),
             ("uncertainty", "k1")}
 
 
-def test_the_little_writer_writes_what_loads(tmp_path):
-    path = tmp_path / "same.toml"
-    path.write_text(toml_of(CONSTANT))
-    assert tomllib.loads(path.read_text()) == CONSTANT
-    assert load_nominal(path).actuator == load_nominal("constant").actuator
-
-
 @every(("section", "key"), NUMBERS + EXTRA)
 @every("value", ["2.0", True, math.nan, math.inf, [1.0], -1.0, 0.0])
 def test_wrong_number_is_named(tmp_path, section, key, value):
@@ -445,12 +437,6 @@ def test_missing_key_is_named_unless_it_has_a_default(tmp_path, section, key):
         assert f"'{section}.{key}' is missing" in refused(path, toml_of(table))
 
 
-@pytest.mark.parametrize("section", ["vehicle", "sensors"])
-def test_missing_required_section_is_named(tmp_path, section):
-    table = {name: value for name, value in CONSTANT.items() if name != section}
-    assert f"[{section}] is missing" in refused(tmp_path / "nominal.toml", toml_of(table))
-
-
 @pytest.mark.parametrize("section", ["actuator", "controller", "guidance", "simulation"])
 def test_section_that_a_flight_needs_is_named(tmp_path, section):
     path = tmp_path / "nominal.toml"
@@ -467,45 +453,12 @@ def test_section_that_dispersion_needs_is_named(tmp_path):
         dispersion(load_nominal(path), 1, 1)
 
 
-@pytest.mark.parametrize("section", [*SECTIONS, "diagnosis"])
-def test_unknown_key_is_named(tmp_path, section):
-    assert f"unknown key '{section}.colour'" in refused(tmp_path / "nominal.toml", edited(section, "colour", 1.0))
-
-
-def test_unknown_section_is_named(tmp_path):
-    assert "unknown key 'weather'" in refused(tmp_path / "nominal.toml", edited("weather", "wind", 1.0))
-
-
-@every("section", [*SECTIONS, "diagnosis"])
-@every("value", [3.0, "text", [1.0]])
-def test_value_in_place_of_a_section_is_named(tmp_path, section, value):
-    message = refused(tmp_path / "nominal.toml", toml_of({**CONSTANT, section: value}))
-    assert f"{section} = {value!r}" in message
-
-
-@pytest.mark.parametrize(("key", "value", "expected"), [
-    ("t", [], "guidance.t"), ("t", 3.0, "guidance.t"), ("t", "0, 1", "guidance.t"), ("t", [0.0, "1"], "guidance.t[1]"),
-    ("theta_ref", [0.0, math.nan], "guidance.theta_ref[1]"), ("theta_ref", [0.0, 1.0], "guidance.theta_ref"),
-    ("t", [0.0, 6.0, 6.0, 28.0, 34.0, 44.0, 48.0, 56.0, 70.0], "increasing"),
-    ("t", [0.0, 6.0, 5.0, 28.0, 34.0, 44.0, 48.0, 56.0, 70.0], "increasing")])
-def test_wrong_guidance_is_named(tmp_path, key, value, expected):
-    message = refused(tmp_path / "nominal.toml", edited("guidance", key, value))
-    assert expected in message and "guidance" in message
-
-
 @pytest.mark.parametrize(("section", "key", "value"), [
     ("sensors", "period", 0.0105), ("controller", "period", 0.0005), ("simulation", "step", 0.003),
     ("simulation", "step", 0.02)])
 def test_periods_that_are_no_whole_steps_are_named(tmp_path, section, key, value):
     message = refused(tmp_path / "nominal.toml", edited(section, key, value))
     assert "period" in message and "whole number of simulation steps" in message
-
-
-@pytest.mark.parametrize(("text", "expected"), [
-    ("name = ", "end of document"), ("[vehicle\na6 = 2", "line 1"), ("a = 1\na = 2\n", "line 2"),
-    ("name = 3\n", "name = 3"), (b"\xff\xfe", "UTF-8"), ("", "[vehicle] is missing"), ("\x00", "line 1")])
-def test_what_is_no_toml_is_named(tmp_path, text, expected):
-    assert expected in refused(tmp_path / "nominal.toml", text)
 
 
 @pytest.mark.parametrize("text", [
@@ -534,26 +487,6 @@ def test_missing_file_and_folder_are_named(tmp_path):
         with pytest.raises(InputError) as caught:
             load_nominal(path)
         assert str(path) in str(caught.value) and len(str(caught.value).splitlines()) == 1
-
-
-def test_profile_and_numbers_exclude_each_other(tmp_path):
-    message = refused(tmp_path / "nominal.toml", edited("vehicle", "profile", "p.csv"))
-    assert "[vehicle]" in message and "one or the other" in message
-
-
-@every(("text", "expected"), [
-    ("", "line 1"), ("t,a6\n0,1\n", "line 1"), ("t,k1,a6\n0,1,2\n", "line 1"), ("t,a6,k1\n", "no rows"),
-    ("t,a6,k1\n0,1\n", "line 2"), ("t,a6,k1\n0,1,2,3\n", "line 2"), ("t,a6,k1\n0,1,2\n1,x,2\n", "line 3, column a6"),
-    ("t,a6,k1\n0,1,nan\n", "line 2, column k1"), ("t,a6,k1\n0,inf,1\n", "line 2, column a6"),
-    ("t,a6,k1\n0,,1\n", "line 2, column a6"), ("t,a6,k1\n0,1,2\n0,1,2\n", "line 3, column t"),
-    ("t,a6,k1\n1,1,2\n0,1,2\n", "line 3, column t"), ("t;a6;k1\n0;1;2\n", "line 1")])
-def test_wrong_profile_is_named_by_line_and_column(tmp_path, text, expected):
-    path = tmp_path / "profile.csv"
-    path.write_text(text)
-    with pytest.raises(InputError) as caught:
-        read_profile(path)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: {expected}") and len(message.splitlines()) == 1
 
 
 def test_profile_is_found_beside_its_nominal(tmp_path):

@@ -142,12 +142,6 @@ def test_identify_whole_log_is_one_window(launchid, folder):
     assert windows[0]["t_start"] == 0.0 and windows[0]["t_end"] == pytest.approx(12.0)
 
 
-def test_identify_table_is_for_people(launchid, folder):
-    status, out, _ = launchid("identify", folder / "flight.csv", "--window", "1", "--formulation", "integral")
-    assert status == 0
-    assert out.count(" OK ") == 12 and "samples accepted 1200" in out
-
-
 @pytest.mark.parametrize("options", [
     ["--library", "sin(theta),beta,sign(theta_dot)", "--compression", "3", "--seed", "9"], ["--nominal", "constant"],
     *(pytest.param(words, marks=pytest.mark.campaign) for words in (
@@ -164,12 +158,6 @@ def test_identify_gives_the_same_bytes_twice(launchid, folder, tmp_path, options
     assert outputs[0] == outputs[1]
     assert files(tmp_path) == {"0.png", "1.png", "0.json", "1.json"}
     assert strict_json(outputs[0][3].decode())["windows"]
-
-
-def test_json_to_a_file_is_the_json_on_stdout(launchid, folder, tmp_path):
-    _, out, _ = launchid("identify", folder / "flight.csv", "--json", "-")
-    launchid("identify", folder / "flight.csv", "--json", tmp_path / "x.json")
-    assert (tmp_path / "x.json").read_text() == out
 
 
 # ---- logs: layout does not matter
@@ -213,84 +201,10 @@ def test_layout_of_the_file_does_not_change_the_answer(launchid, folder, tmp_pat
 HEAD = b"t,theta,beta\n"
 ROWS = b"".join(b"%.2f,%.3f,%.3f\n" % (k / 100, math.sin(k / 9), math.cos(k / 5)) for k in range(200))
 
-MALFORMED = {
-    "empty": (b"", "empty"),
-    "header only": (HEAD, "no usable row"),
-    "no header": (ROWS, "line 1"),
-    "too few cells": (HEAD + b"0,1,2\n1,2\n", "line 3"),
-    "too many cells": (HEAD + b"0,1,2,3\n", "line 2"),
-    "cut short": (HEAD + ROWS[:-9], "line 201"),
-    "decimal comma": (HEAD + b"0,0,1,5,0,2\n", "line 2"),
-    "semicolons": (HEAD.replace(b",", b";") + ROWS.replace(b",", b";"), "line 1"),
-    "tabs": (HEAD.replace(b",", b"\t") + ROWS.replace(b",", b"\t"), "line 1"),
-    "duplicate column": (b"t,theta,beta,theta\n0,1,2,3\n", "'theta' stands 2 times"),
-    "missing column": (b"t,theta\n0,1\n", "'beta' is missing"),
-    "units in the header": (b"t [s],theta [rad],beta [rad]\n0,1,2\n", "'t' is missing"),
-    "upper case": (b"T,THETA,BETA\n0,1,2\n", "'t' is missing"),
-    "text cell": (HEAD + b"0,1,2\n0.01,high,3\n", "line 3, column theta"),
-    "underscore": (HEAD + b"0,1_000,2\n", "line 2, column theta"),
-    "hexadecimal": (HEAD + b"0,0x10,2\n", "line 2, column theta"),
-    "digits of another script": (HEAD + "0,\u0661,2\n".encode(), "line 2, column theta"),
-    "a dash for nothing": (HEAD + b"0,1,-\n", "line 2, column beta"),
-    "a date": (HEAD + b"2020-01-01T00:00:00,1,2\n", "line 2, column t"),
-    "unit in a cell": (HEAD + b"0,1 rad,2\n", "line 2, column theta"),
-    "escape in a cell": (HEAD + b"0,\x1b[31m,2\n", "line 2, column theta"),
-    "long cell": (HEAD + b"0," + b"x" * 5000 + b",2\n", "line 2, column theta"),
-    "cell beyond the reader": (HEAD + b"0," + b"1" * 200_000 + b",2\n", "line"),
-    "unterminated quote": (HEAD + b'0,"1,2\n' + ROWS, "line"),
-    "text behind a quote": (HEAD + b'0,"1"2,2\n', "line 2"),
-    "UTF-16": ((HEAD + ROWS).decode().encode("utf-16"), "UTF-8"),
-    "Latin-1": (HEAD + b"0,1,2\xb0\n", "UTF-8"),
-    "half a character": (HEAD + b"0,1,2\xc3", "UTF-8"),
-    "NUL": (HEAD + b"0,1\x00,2\n", "line 2, column theta"),
-    "NUL throughout": (b"\x00" * 300, "line 1"),
-    "PNG": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "UTF-8"),
-    "gzip": (b"\x1f\x8b\x08\x00" + bytes(range(128, 256)), "UTF-8"),
-    "all rows nan": (HEAD + b"nan,nan,nan\n" * 5, "no usable row"),
-    "all rows empty": (HEAD + b",,\n" * 5, "no usable row"),
-    "no row with all three": (HEAD + b"0,nan,1\n0.1,1,nan\nnan,1,1\n", "no usable row"),
-    "all rows infinite": (HEAD + b"inf,inf,1e400\n" * 5, "no usable row"),
-    "one row": (HEAD + b"0,1,2\n", "column t"),
-    "clock stands still": (HEAD + b"1,1,2\n" * 50, "column t"),
-    "clock runs backwards": (HEAD + b"3,1,2\n2,1,2\n1,1,2\n", "column t"),
-}
-
-
-@every("case", MALFORMED)
-def test_log_that_cannot_be_read_is_status_3_in_one_line(launchid, tmp_path, case):
-    data, mention = MALFORMED[case]
-    log = tmp_path / "log.csv"
-    log.write_bytes(data)
-    status, out, err = launchid("identify", log, "--json", tmp_path / "x.json", "--plot", tmp_path / "x.png")
-    assert (status, out) == (3, "")
-    assert_one_line(err, str(log), mention)
-    assert len(err) < 400 + len(str(log)) and err.rstrip("\n").isprintable()
-    assert files(tmp_path) == {"log.csv"}
-
-
-def test_missing_log_and_folder_are_status_3(launchid, tmp_path):
-    for path in (tmp_path / "none.csv", tmp_path, Path("/dev/zero"), tmp_path / ("x" * 300)):
-        status, out, err = launchid("identify", path)
-        assert (status, out) == (3, "")
-        assert_one_line(err, str(path))
-
-
 def test_path_with_a_line_feed_is_one_line_too(launchid, tmp_path):
     status, _, err = launchid("identify", tmp_path / "two\nlines.csv")
     assert status == 3
     assert_one_line(err)
-
-
-def test_nominal_that_cannot_be_read_is_status_3(launchid, folder, tmp_path):
-    bad = tmp_path / "bad.toml"
-    bad.write_text("name = 3")
-    for words in (["simulate", bad, "--out", tmp_path / "log.csv"],
-                  ["simulate", "none.toml", "--out", tmp_path / "log.csv"],
-                  ["identify", folder / "flight.csv", "--nominal", bad]):
-        status, out, err = launchid(*words)
-        assert (status, out) == (3, "")
-        assert "toml" in err.splitlines()[-1] and "Traceback" not in err
-    assert files(tmp_path) == {"bad.toml"}
 
 
 # ---- what is data, however bad
@@ -374,15 +288,6 @@ def test_measured_needs_its_column(launchid, folder):
     assert status == 2
     assert "theta_ddot" in err.splitlines()[-1]
     assert launchid("identify", folder / "ideal.csv", "--formulation", "measured")[0] == 0
-
-
-@pytest.mark.parametrize("words", [["--help"], ["identify", "--help"], ["simulate", "--help"], ["reproduce", "--help"]])
-def test_help_is_status_0_on_stdout(capsys, words):
-    with pytest.raises(SystemExit) as left:
-        main(words)
-    out, err = capsys.readouterr()
-    assert left.value.code == 0
-    assert out.startswith("usage: launchid") and err == ""
 
 
 # ---- outputs

@@ -84,6 +84,12 @@ def test_t_in_a_long_unit_is_refused_with_that_unit(plain, unit, factor):
         checked(log_of(plain | {"t": plain["t"] / factor}))
 
 
+def test_an_attitude_in_counts_is_no_clock_in_hours(plain):
+    """A scale of 1/5700 was within 1.6 of that of hours."""
+    counts = plain | {"theta": 5700.0 * plain["theta"]}
+    assert "times the slope of theta" in " ".join(checked(log_of(counts)).warnings)
+
+
 def test_t_in_days_is_no_time_of_rows(plain):
     with pytest.raises(InputError, match="median step"):
         checked(log_of(plain | {"t": plain["t"] / 86400.0}))

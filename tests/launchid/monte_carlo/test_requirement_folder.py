@@ -191,15 +191,6 @@ def test_another_campaign_s_folder_is_refused(tmp_path, other):
     assert files(tmp_path / "out") == before
 
 
-@pytest.mark.parametrize("damage", [b"", b"{", b"[1]", b"\xff\xfe"])
-def test_a_damaged_definition_is_one_line(tmp_path, damage):
-    nominal = nominal_of(tmp_path)
-    campaign(nominal, out=tmp_path / "out", flights=3, workers=1)
-    (tmp_path / "out" / "campaign.json").write_bytes(damage)
-    with pytest.raises(InputError, match=r"campaign\.json"):
-        campaign(nominal, out=tmp_path / "out", flights=3)
-
-
 def test_an_unrelated_table_is_not_taken_for_one(tmp_path):
     nominal = nominal_of(tmp_path)
     (tmp_path / "out").mkdir()

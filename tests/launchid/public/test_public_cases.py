@@ -86,12 +86,16 @@ def test_the_paper_s_clean_logs_through_the_command(tmp_path, capsys, nominal, p
 @pytest.mark.parametrize("formulation", ["integral", "difference"])
 @pytest.mark.parametrize("column", ["gamma", "alpha"])
 def test_gamma_and_alpha_are_what_a6_multiplies(column, formulation):
-    """Without the column a6 multiplies another angle."""
+    """Without the column a6 multiplies another angle: refused, or 3 and more standard deviations off; the weak form
+    knows of both that it does not know a6 as well."""
     flight = flights.fly(20.0, drift=0.4)
     gamma = flight.pop("gamma")
     known = flight | ({"gamma": gamma} if column == "gamma" else {"alpha": flight["theta"] - gamma})
     made = asked(known, formulation=formulation)
     assert statuses(made) == ["OK"] and max(off(made, 2.0, -6.0)) < 3.0
+    if formulation == "integral":  # differences of such a rate are not known as well
+        assert max(off(asked(flight, formulation=formulation), 2.0, -6.0), default=9.0) > 3.0
+    assert max(off(asked(flight), 2.0, -6.0), default=0.0) < 3.0
 
 
 def test_gamma_of_a_slower_channel_lies_on_lines():
@@ -120,7 +124,7 @@ def test_a_trim_is_found_by_a_library_that_has_it_and_named_by_one_that_has_not(
     default = asked(flight)
     assert statuses(default) == ["OK"] and max(off(default, 2.0, -6.0)) < 3.0
     rigid = asked(flight, library="rigid-body")
-    assert statuses(rigid) == ["MODEL"] and lacks(rigid)[0] == "1"
+    assert statuses(rigid) == ["MODEL"] and lacks(rigid) == ["1"]
     assert "a constant of 0.4" in rigid.summary() and "--library theta,beta,1" in rigid.summary()
 
 
@@ -143,7 +147,7 @@ def test_one_log_in_other_units_of_beta_has_the_same_support_and_the_same_verdic
 @pytest.mark.parametrize("window", ["all", 50.0])
 def test_a_ship_whose_damping_is_missing(window):
     made = asked(flights.ship(), window, library="theta,beta,1")
-    assert set(statuses(made)) == {"MODEL"} and "theta_dot" in lacks(made)
+    assert set(statuses(made)) == {"MODEL"} and lacks(made) == ["theta_dot"]
     whole = asked(flights.ship(), "all", library="theta,beta,theta_dot")
     terms = whole.report["windows"][0]["terms"]
     assert terms["theta_dot"] == pytest.approx(-0.087, rel=NEAR) and terms["beta"] == pytest.approx(-0.0172, rel=NEAR)
@@ -164,16 +168,18 @@ def test_a_nozzle_whose_inertia_is_missing():
     flight = flights.tail_wags_dog()
     made = asked(flight)
     assert statuses(made) == ["MODEL"] and lacks(made)[0] == "beta_ddot" and "nozzle_inertia" in made.summary()
-    assert any("acceleration of the nozzle" in reason for reason in first(log_of(flight)).refused)
+    assert lacks(made) == ["beta_ddot"] and made.report["lacks"][0]["size"] == pytest.approx(-0.53, rel=NEAR)
+    reasons = first(log_of(flight)).refused   # it was said that beta follows the motion
+    assert len(reasons) == 1 and "acceleration of the nozzle" in reasons[0]
 
 
 def test_a_thrust_that_is_the_square_of_its_input_and_late():
     """`nominal` said that the input follows the motion by 42 ms."""
     flight = {name: x[:1000] for name, x in flights.propeller().items()}  # 10 s
     made = asked(flight, library="sin(theta),beta")
-    assert statuses(made) == ["MODEL"] and {"beta^2", "delay", "placebo"} & set(lacks(made))
+    assert statuses(made) == ["MODEL"] and {"beta^2", "delay"} & set(lacks(made))
     reasons = first(log_of(flight)).refused
-    assert any("beta^2" in reason or "leads" in reason or "placebo" in reason for reason in reasons)
+    assert any("beta^2" in reason or "leads" in reason for reason in reasons)
     assert not any("follows" in reason for reason in reasons)
 
 
@@ -189,15 +195,15 @@ def test_a_measured_double_pendulum_whose_second_link_is_the_nozzle():
     """DFKI, acrobot upright (BSD-3): OK -1227 +- 78 for 23.6; theta and beta correlate -0.999."""
     log = read_log(PUBLIC / "dfki_acrobot.csv")
     made = identify(log, window="all")
-    assert statuses(made) == ["MODEL"] and "beta_ddot" in lacks(made)
-    assert -0.7 < next(lack["size"] for lack in made.report["lacks"] if lack["what"] == "beta_ddot") < -0.45
+    assert statuses(made) == ["MODEL"] and lacks(made)[0] == "beta_ddot"
+    assert -0.56 < made.report["lacks"][0]["size"] < -0.49
     assert first(log).refused
 
 
 def test_a_measured_servo_that_is_held_still_for_half_of_its_log():
     """Rhoban's XL330 (Apache-2.0), authors' 14.3 and -71.6: OK 2.59 +- 0.42 in one window."""
     made = identify(read_log(PUBLIC / "bam_kp400_up_and_down.csv"), window=2, library="sin(theta),beta")
-    assert "OK" not in statuses(made) and "MODEL" in statuses(made)
+    assert set(statuses(made)) == {"MODEL"}
 
 
 # ---- what cannot be used says why
@@ -221,6 +227,15 @@ def test_all_of_a_log_whose_first_cell_is_empty():
     beta[0] = np.nan
     made, whole = asked(flight | {"beta": beta}), asked({name: x[1:] for name, x in flight.items()})
     assert made.report["windows"] == whole.report["windows"] and statuses(made) == ["OK"]
+
+
+def test_a_loop_that_nothing_moves_but_noise_has_no_valid_window():
+    """beta answers theta and its rate, and that is all: OK 1.3 +- 2.1, with a damping that drives."""
+    for seed in range(2):
+        flight = flights.fly(30.0, amplitude=1e-4, seed=seed)
+        for window in (5.0, "all"):
+            made = asked(flight, window)
+            assert "OK" not in statuses(made), (seed, window)
 
 
 def test_no_window_without_an_active_term_in_theta_or_beta_is_ok():

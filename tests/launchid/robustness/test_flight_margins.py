@@ -120,8 +120,9 @@ def test_a_published_launchers_decoupled_loop():
 # ---- what is not known of them
 
 
-@pytest.mark.parametrize("std", SPREADS.values(), ids=SPREADS)
-@pytest.mark.parametrize("mean", CENTRES[:3], ids=["no delay", "ridge of the phase", "delay"])
+@pytest.mark.parametrize(("mean", "std"), [
+    *((CENTRES[2], std) for std in SPREADS.values()), *((mean, SPREADS["servo hardly known"]) for mean in CENTRES[:2])],
+    ids=[*SPREADS, "no delay", "ridge of the phase"])
 def test_intervals_are_those_of_brute_force(mean, std):
     """The reference is the 2.5 and 97.5 % quantiles of 4,000 drawn loops: each end within 0.25 standard deviations."""
     of = known(mean, std)
@@ -265,9 +266,10 @@ def test_identified_windows_have_the_same_margins(flight, made):
     assert "tracked" not in launchid.identify(flight, "constant", window=5.0).margins().report["windows"][0]
 
 
-def test_what_was_identified_without_a_nominal_has_none(flight):
+def test_what_was_identified_without_a_nominal_has_none():
+    t = np.arange(300) * 0.01
     with pytest.raises(UsageError, match="filtered"):
-        launchid.identify(flight).margins()
+        launchid.identify({"t": t, "theta": np.sin(3.0 * t), "beta": np.cos(5.0 * t)}, window=1.0).margins()
 
 
 @pytest.mark.parametrize(("section", "sections"), [

@@ -1,13 +1,13 @@
 """The grey box: factors against the tables, the range holds the share it promises, the command."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+import launchid
 from launchid.cli.main import main
-from launchid.log.log import write_flight
+from launchid.log.log import Log, flown_log
 from launchid.robustness import greybox as gb
 from sim.flight import dispersion, fly_whole
 from sim.nominal import built_in, load_nominal
@@ -82,47 +82,44 @@ def test_the_spread_within_a_flight_is_of_the_windows_that_are_known():
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory) -> tuple[Path, np.ndarray]:
-    """30 flights of the constant nominal with delta uniform in the box of 0.25; their folder and delta."""
-    folder = tmp_path_factory.mktemp("flights")
+def flown() -> tuple[list[Log], np.ndarray]:
+    """30 flights of the constant nominal with delta uniform in the box of 0.25, and delta."""
     nominal = load_nominal(built_in("constant"))
     delta = np.random.default_rng(21).uniform(-1.0, 1.0, (FLIGHTS, 2))
-    for k, (a6, k1) in enumerate(delta):
-        a6_factor, k1_factor = dispersion(nominal, a6, k1)
-        write_flight(folder / f"{k}.csv", fly_whole(nominal, k, a6_factor=a6_factor, k1_factor=k1_factor))
-    return folder, delta
+    return [flown_log(fly_whole(nominal, k, a6_factor=a6_factor, k1_factor=k1_factor)) for k, (a6_factor, k1_factor)
+            in enumerate(dispersion(nominal, *each) for each in delta)], delta
 
 
-def test_thirty_flights_give_a_range_that_holds_them(logs, capsys):
-    folder, delta = logs
-    paths = [str(folder / f"{k}.csv") for k in range(FLIGHTS)]
-    assert main(["fit-lft", *paths, "constant", "--out", str(folder / "new.toml")]) == 0
-    assert "sigma_a6" in capsys.readouterr().out
-    fitted = load_nominal(folder / "new.toml").uncertainty
+def test_thirty_flights_give_a_range_that_holds_them(flown, tmp_path):
+    logs, delta = flown
+    made = launchid.fit_lft(logs, "constant")
+    assert "sigma_a6" in made.summary()
+    made.write(tmp_path / "new.toml")
+    fitted = load_nominal(tmp_path / "new.toml").uncertainty
     for sigma, true in ((fitted.a6, 0.25 * delta[:, 0]), (fitted.k1, 0.25 * delta[:, 1])):
         assert len(sigma) == 1
         assert np.mean(np.abs(true) <= sigma[0]) >= 0.95
         assert sigma[0] < 2.0 * np.max(np.abs(true))
-    assert main(["uncertainty", paths[0], str(folder / "new.toml")]) == 0
+    assert launchid.uncertainty(logs[0], tmp_path / "new.toml").report["windows"]
 
 
-def test_a_range_over_flight_time_is_written_beside(logs):
-    folder, delta = logs
-    paths = [str(folder / f"{k}.csv") for k in range(12)]
-    assert main(["fit-lft", *paths, "constant", "--out", str(folder / "timed.toml"), "--profile"]) == 0
-    assert (folder / "timed.uncertainty.csv").is_file()
-    sigma = load_nominal(folder / "timed.toml").uncertainty
+def test_a_range_over_flight_time_is_written_beside(flown, tmp_path):
+    logs, delta = flown
+    launchid.fit_lft(logs[:12], "constant", profile=True).write(tmp_path / "timed.toml")
+    assert (tmp_path / "timed.uncertainty.csv").is_file()
+    sigma = load_nominal(tmp_path / "timed.toml").uncertainty
     assert len(sigma.t) == 9  # seven bins of 10 s, and the flight's ends
     assert (sigma.a6[:, None] >= np.abs(0.25 * delta[:12, 0])).mean() >= 0.95
-    assert main(["uncertainty", paths[0], str(folder / "timed.toml")]) == 0
+    assert launchid.uncertainty(logs[0], tmp_path / "timed.toml").report["windows"]
 
 
 @pytest.mark.parametrize(("words", "status", "mention"), [
     (["constant"], 2, "LOG.csv"), (["missing.csv", "constant"], 3, "missing.csv"),
     (["0.csv", "missing.toml"], 3, "missing.toml"), (["0.csv", "constant", "--share", "1"], 2, "--share")])
-def test_faults_are_one_line(logs, capsys, monkeypatch, words, status, mention):
-    monkeypatch.chdir(logs[0])
+def test_faults_are_one_line(tmp_path, capsys, monkeypatch, words, status, mention):
+    monkeypatch.chdir(tmp_path)
+    launchid.simulate("constant", period=0.1).write("0.csv")
     assert main(["fit-lft", *words, "--out", "never.toml"]) == status
     err = capsys.readouterr().err
     assert len(err.splitlines()) == 1 and mention in err
-    assert not (logs[0] / "never.toml").exists()
+    assert not (tmp_path / "never.toml").exists()

@@ -3,19 +3,14 @@
 import dataclasses
 import json
 import math
-import os
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 from cut import scratch
 from hypothesis import given
 from hypothesis import strategies as hs
-from numba.core.runtime import _nrt_python, rtsys
 from unjitted import unjitted
 
 from launchid.cli.main import main
@@ -30,7 +25,6 @@ from launchid_core.watch.changes import E_TIME, EVENTS, MAX_EVENTS, N_COUNTS, N_
 from sim.flight import fly_whole
 from sim.nominal import Nominal, built_in, load_nominal
 
-ROOT = Path(__file__).resolve().parents[3]
 SIGMA = 0.25
 NAN = math.nan
 
@@ -81,14 +75,6 @@ def test_a_band_is_decided_at_95_percent_and_out_wants_the_alarm(delta, std):
     best = int(np.argmax(probability))
     decided = probability[best] >= un.DECIDED and (best != un.OUT or raised)
     assert band == (best if decided else un.NO_BAND)
-
-
-def test_probabilities_match_scipy():
-    stats = pytest.importorskip("scipy.stats")
-    gauge = Range()
-    gauge.see(1.0, 0.5, 0.2)
-    inside = [stats.norm.cdf(e, 0.5, 0.2) - stats.norm.cdf(-e, 0.5, 0.2) for e in EDGES]
-    assert gauge.gauge.probability[0] == pytest.approx([*np.diff([0.0, *inside]), 1.0 - inside[-1]], abs=1e-12)
 
 
 # ---- the alarm
@@ -333,39 +319,6 @@ def test_the_figure_is_drawn(launchid, folder, tmp_path):
         assert launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--plot", tmp_path / name)[0] == 0
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes() != b""
     assert report([]) == {"windows": []}
-
-
-def test_the_same_without_the_compiler():
-    """The kernels are Python: un-jitted they give the same numbers."""
-    code = ("import sys; sys.path[:0] = ['tests', 'tests/launchid/robustness']\nfrom test_uncertainty import Range\n"
-            "g = Range()\n"
-            "print([g.see(*x) for x in ((1.0, 0.2, 0.1), (2.0, 1.5, 0.1), (3.0, 0.5, 0.2))], "
-            "g.gauge.probability[0].tolist(), g.gauge.band.tolist())")
-    said = {flag: subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True,
-                                 env={**os.environ, "NUMBA_DISABLE_JIT": flag}).stdout for flag in ("0", "1")}
-    assert said["0"] == said["1"] != ""
-
-
-def flown(n, sigma, gauge, total, now, counts, event):
-    """n blocks and windows."""
-    for k in range(n):
-        un.watch_range(sigma, gauge, total, now, 0.0, counts, event)
-        un.close_range(sigma, gauge, total, float(k))
-
-
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="numba's runtime allocates nothing to count")
-def test_a_flight_allocates_nothing():
-    """The positive control of this count is in test_estimator."""
-    gauge, loop = Range(), numba.njit(flown)
-    total, now = np.array([0.4, 0.0, 1e-4, 0.0, 1e-4]), 1.0
-    rtsys.initialize(numba.core.registry.cpu_target.target_context)
-    _nrt_python.memsys_enable_stats()
-    made = []
-    for n in (1, 10, 1000):
-        before = rtsys.get_allocation_stats().alloc
-        loop(n, gauge.range, gauge.gauge, total, now, gauge.counts, gauge.event)
-        made.append(rtsys.get_allocation_stats().alloc - before)
-    assert made[1] == made[2]
 
 
 def test_the_summary_of_the_confidence_range_is_of_valid_estimates():

@@ -182,12 +182,6 @@ def test_watch_of_a_whole_file_is_identify_to_the_bit(folder, identified, capsys
     assert re.search(r"http://127\.0\.0\.1:\d+/", err) and len(err.splitlines()) == 1
 
 
-def test_the_period_of_the_first_rows_is_the_log_s_to_rounding(folder, nominal, identified):
-    made = Session(open_source(str(folder / "flight.csv"), once=True), nominal).result()
-    assert same({name: made.report[name] for name in identified}, identified, 1e-9)
-    assert "sudden change of k1" in made.summary() and len(made.columns()["t_end"]) == SECONDS
-
-
 def test_looking_changes_no_bit(folder, nominal, identified):
     """Numbers are asked for after every single row."""
     log = read_log(folder / "flight.csv")

@@ -212,9 +212,7 @@ def test_it_begins_whatever_came_before(nominal, rows, quiet):
 
 def test_it_begins_among_rows_of_a_nonsense_sender(nominal, rows, quiet):
     """Row by row one more that no estimator takes: NaN, equal, out of range, each time another, unreadable."""
-    for other in (b"nan,0,0,0,0\n",
-                  b"1e300,0,0,0,0\n", b"0,1e9,0,0,0\n", b"0,0,0,0,0\n", b"-1e6,0,0,0,0\n",
-                  b"9K0e10,0,0,0,0\n", b"K,,0,1,0\n", b"POST / HTTP/1.1\n", b"0,,0,0,0\n"):
+    for other in (b"nan,0,0,0,0\n", b"1e300,0,0,0,0\n", b"0,0,0,0,0\n", b"9K0e10,0,0,0,0\n", b"POST / HTTP/1.1\n"):
         mixed = [row + other.replace(b"K", b"%d" % k) for k, row in enumerate(rows)]
         follower = followed(nominal, HEADER, *mixed)
         assert follower.live.now["tracked"]["a6"] == pytest.approx(quiet["a6"], rel=1e-6), other

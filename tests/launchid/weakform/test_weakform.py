@@ -179,6 +179,16 @@ def test_a_flight_path_that_nobody_logged_is_told_as_that():
     columns |= {"theta": columns["theta"] + turn, "theta_dot": columns["theta_dot"] + 0.03}
     assert named(columns)[:1] == [FAST_THETA]
     assert named(columns | {"gamma": turn}) == []
+    rows = np.arange(len(turn)) % 300 < 285   # stretches of 3 s: the fast part is that of the whole log
+    assert named({name: x[rows] for name, x in columns.items()})[:1] == [FAST_THETA]
+
+
+def test_a_shift_is_asked_beside_the_term_that_it_looks_like():
+    """Damping looks like a beta that acts sooner, friction like one that acts later: the shift was named."""
+    columns = flights.fly(20.0, damping=-1.5)
+    made = asked({name: columns[name] for name in ("t", "theta", "theta_dot", "beta")})
+    assert [lack.what for lack in made.lacks] == ["theta_dot"]
+    assert made.lead is not None and abs(made.lead.value) < 0.002
 
 
 def test_what_moves_no_coefficient_refuses_no_window(flown):
@@ -195,3 +205,5 @@ def test_what_cannot_be_asked_says_what_would_allow_it(flown):
     rows = np.arange(len(flown["t"])) % 40 < 34
     assert "without a gap" in asked({name: x[rows] for name, x in flown.items()}).unchecked
     assert "too few" in asked({name: x[:20] for name, x in flown.items()}).unchecked
+    still = asked(flown | {"beta": np.full(len(flown["t"]), 0.01)}).unchecked
+    assert "hardly move" in still and "too few" not in still
