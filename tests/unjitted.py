@@ -5,6 +5,7 @@ sample takes a millisecond.  That compiled and un-jitted are the same bits is te
 """
 
 import contextlib
+import functools
 import importlib
 import sys
 from collections.abc import Iterator
@@ -41,6 +42,7 @@ def unjitted_module(name: str) -> ModuleType:
         return importlib.import_module(name)
 
 
+@functools.cache
 def unjitted(kernel: Any) -> Any:
     """Return the copy's function of a kernel."""
     function = getattr(kernel, "py_func", kernel)

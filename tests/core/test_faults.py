@@ -38,9 +38,6 @@ A6, K1 = 2.0, -7.0
 FORMULATIONS = ("integral", "filtered")
 ACCEPTED, COMPLETE = Status.ACCEPTED, Status.WINDOW_COMPLETE
 FORGOTTEN = 25.0  # s after a fault, at most, until windows of `filtered` are believed again (docs/faults.md)
-BEGUN = 10        # windows of 1 s of this flight until the first are worth something
-
-
 @functools.cache
 def flight(seed: int = 5) -> tuple[Sample, ...]:
     return tuple(fly_whole(CONSTANT, seed).samples())

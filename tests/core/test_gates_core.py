@@ -1,4 +1,4 @@
-"""Every gate, clamp and restart of the tracker and of the detector of changes: the test that fails without it.
+"""Laws of the tracker and of the detector of changes; what becomes of a flight stands in test_filtered.
 
 Kernels are called once, on a state that was made for it; the law is written beside them in numpy.
 """
@@ -12,9 +12,7 @@ from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator
-from launchid_core.algebra import linsolve
 from launchid_core.filter import belief as bl
-from launchid_core.filter import filtered as fl
 from launchid_core.filter import states as sx
 from launchid_core.gate import ring as rb
 from launchid_core.order import block as bk
@@ -22,14 +20,11 @@ from launchid_core.watch import changes as ch
 from launchid_core.watch import tracker as tr
 from sim.nominal import load_nominal
 
-absorb, mix, move, restart_bank, track = map(unjitted, (tr.absorb, tr.mix, tr.move, tr.restart_bank, tr.track))
-carry_columns, follow_onset, follow_onsets, onset_time, open_onset, raise_alarm, settle_event = map(unjitted, (
-    linsolve.carry_columns, ch.follow_onset, ch.follow_onsets, ch.onset_time, ch.open_onset, ch.raise_alarm,
-    ch.settle_event))
-withdraw_events = unjitted(ch.withdraw_events)
+absorb, mix, move, track = map(unjitted, (tr.absorb, tr.mix, tr.move, tr.track))
+follow_onset, onset_time, open_onset, raise_alarm = map(unjitted, (
+    ch.follow_onset, ch.onset_time, ch.open_onset, ch.raise_alarm))
 
 BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
-VALUES = [ch.E_A6_BEFORE, ch.E_A6_AFTER, ch.E_K1_BEFORE, ch.E_K1_AFTER]
 N = 4  # states of its filter
 QUIET = (N, 2)  # shape of sensitivities that carry nothing
 
@@ -116,19 +111,6 @@ def test_a_member_absorbs_as_a_kalman_filter_does():
     assert density == pytest.approx(expected[2])
 
 
-def test_a_restart_of_the_bank_keeps_the_evidence_and_forgets_the_slopes():
-    bank = parts().state.bank
-    bank.mean[...], bank.covariance[...], bank.evidence[:] = 7.0, 7.0, (-1.0, -2.0)
-    restart_bank(bank, 0.1, -0.2, 0.01, 0.002, 0.02)
-    assert bank.evidence.tolist() == [-1.0, -2.0]
-    for i, (_, slope) in enumerate(tr.MEMBERS):
-        assert bank.mean[i].tolist() == [0.1, -0.2, 0.0, 0.0]
-        expected = np.diag([0.01, 0.02, slope**2, slope**2])
-        expected[0, 1] = expected[1, 0] = 0.002
-        assert bank.covariance[i] == pytest.approx(expected)
-    assert bank.total == pytest.approx(BELIEF)
-
-
 # ---- changes: onsets
 
 
@@ -146,20 +128,6 @@ def test_after_an_onset_the_state_still_obeys_the_values_before(kind):
     expected = -0.5 * (np.linalg.slogdet(s)[1] + e @ np.linalg.solve(s, e))
     assert follow_onset(N, watch, parts().work.bank, 0, kind, pair, 0.1) == pytest.approx(expected)
     assert watch.mean[0, kind] == pytest.approx(BELIEF[:2] + p @ h.T @ np.linalg.solve(s, e))
-
-
-def test_the_largest_factor_of_the_onsets_that_are_kept_wins():
-    """Factors add up; blocks forgotten by an alarm have no say, and a factor that is no number none either."""
-    watch = parts().state.watch
-    opened(watch, 5)
-    watch.factor[:5] = [[1.0, 2.0], [4.0, 3.0], [math.nan, math.nan], [0.0, 6.0], [0.0, 0.0]]
-    watch.carried[...] = 1.0
-    quiet = np.zeros(4), np.zeros((7, 7)), 3.0 * np.eye(4, 6), 0.1
-    assert follow_onsets(N, watch, parts().work.bank, *quiet, -0.5) == (6.5, 3, ch.BOTH_JUMP)
-    assert watch.factor[:2].tolist() == [[1.5, 2.5], [4.5, 3.5]]
-    assert (watch.carried[:5] == 3.0).all() and (watch.carried[5:] == 1.0).all()
-    watch.counts[ch.KEPT] = 1
-    assert follow_onsets(N, watch, parts().work.bank, *quiet, 0.0) == (0.5, 4, 0)
 
 
 def test_the_onsets_time_is_the_mean_of_the_blocks_by_their_factors():
@@ -191,43 +159,6 @@ def alarm(watch, slot: int, kind: int, t_now: float):
     return after, watch.event[(watch.counts[ch.EVENTS] - 1) % ch.MAX_EVENTS]
 
 
-def test_an_alarm_while_the_last_events_size_is_open_belongs_to_it():
-    """One change, not two: time and values before are the first alarm's, size and kind what is known now."""
-    watch = parts().state.watch
-    opened(watch, 3)
-    watch.mean[0, ch.K1_JUMP] = 0.1, -0.5
-    _, event = alarm(watch, 0, ch.K1_JUMP, 0.3)
-    first = event.copy()
-    opened(watch, 3, np.array([0.1, -0.5, 0.04, 0.0, 0.05]), 0.3)
-    watch.mean[4, ch.BOTH_JUMP] = 0.3, -0.7
-    _, event = alarm(watch, 4, ch.BOTH_JUMP, 0.6)
-    assert watch.counts[ch.EVENTS] == 1 and watch.counts[ch.SINCE] == 6  # the size becomes final no later
-    assert event[ch.E_TIME] == first[ch.E_TIME] and event[ch.E_ALARM] == first[ch.E_ALARM]
-    assert event[ch.E_KIND] == ch.BOTH_JUMP
-    assert event[VALUES] == pytest.approx([0.1, 0.3, -0.2, -0.7])
-    opened(watch, 1, first=0.6)
-    alarm(watch, 6, ch.K1_JUMP, 0.7)
-    assert event[ch.E_KIND] == ch.BOTH_JUMP  # a6 has jumped, whatever followed
-
-
-def test_an_events_size_is_final_after_two_seconds_of_blocks_and_moves_no_more():
-    assert ch.SETTLE * fl.BLOCK == 2.0
-    watch = parts().state.watch
-    opened(watch, ch.SETTLE + 1)
-    settle_event(watch, BELIEF)  # none yet
-    assert not watch.event.any()
-    _, event = alarm(watch, ch.SETTLE, ch.K1_JUMP, 0.1)
-    size = event.copy()
-    opened(watch, ch.SETTLE - 2)
-    settle_event(watch, BELIEF + 1.0)
-    assert event.tolist() == size.tolist()
-    opened(watch, 1)
-    settle_event(watch, BELIEF + 1.0)
-    assert event[ch.E_STAGE] == ch.FINAL and event[ch.E_K1_AFTER] == pytest.approx(0.8)
-    settle_event(watch, BELIEF + 2.0)
-    assert event[ch.E_K1_AFTER] == pytest.approx(0.8)
-
-
 def test_the_last_events_leave_oldest_first():
     estimator = Estimator(config())
     watch = estimator._parts.state.watch
@@ -239,20 +170,6 @@ def test_the_last_events_leave_oldest_first():
     for _ in range(2):  # asking changes nothing
         assert [change.t for change in estimator.changes()] == list(range(3, ch.MAX_EVENTS + 3))
         assert {change.parameter for change in estimator.changes()} == {"k1"}
-
-
-def test_changes_that_began_after_a_time_are_withdrawn_once_and_leave_no_more():
-    estimator = Estimator(config())
-    watch = estimator._parts.state.watch
-    for k in range(3):
-        opened(watch, 1, first=float(k))
-        alarm(watch, int(watch.counts[ch.NEXT] - 1) % ch.ONSETS, ch.K1_JUMP, float(k))
-        watch.event[k, ch.E_STAGE] = ch.OPEN if k == 2 else ch.FINAL
-    assert withdraw_events(watch, 1.0) == 1 and withdraw_events(watch, 1.0) == 0  # 2.0, whose size was open
-    assert withdraw_events(watch, 0.5) == 1  # 1.0, which was final
-    assert [change.t for change in estimator.changes()] == [0.0]
-    settle_event(watch, BELIEF + 2.0)
-    assert watch.event[2, ch.E_STAGE] == ch.WITHDRAWN
 
 
 # ---- a block that is watched

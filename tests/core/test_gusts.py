@@ -28,8 +28,8 @@ DECLARED = dataclasses.replace(CALM, wind=Wind(walk=0.005, turbulence=0.005),
 BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
 FAR = 4.0  # own standard deviations
 
-mix_gust, blow, see_block, carry_gust, follow_gust, take_gust, accept_gust = map(
-    unjitted, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, gu.take_gust, bk.accept_gust))
+mix_gust, blow, see_block, carry_gust, follow_gust, accept_gust = map(
+    unjitted, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, bk.accept_gust))
 
 
 def config(nominal=DECLARED, window: float = 1.0) -> Config:

@@ -23,7 +23,7 @@ CONSTANT = load_nominal("constant")
 SIGMA = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
 PERIOD, SECONDS = 0.01, 25.0
 NAN = math.nan
-set_unknown_step, restart_servo = map(unjitted, (us.set_unknown_step, us.restart_servo))
+set_unknown_step = unjitted(us.set_unknown_step)
 
 
 def with_servo(nominal: Nominal = CONSTANT, **changes: float) -> Nominal:

@@ -50,13 +50,11 @@ DRIFTING = dataclasses.replace(CALM, drift=Drift(np.zeros(1), np.array([-0.03]),
 
 set_step, fill_push, fill_transition, take_sample = map(unjitted, (
     sv.set_step, ds.fill_push, tn.fill_transition, fl.take_sample))
-start_segment, let_offsets_wander, believe_nuisances = map(unjitted, (
-    pr.start_segment, ds.let_offsets_wander, fl.believe_nuisances))
-move_wind_level, contradict = unjitted(fl.move_wind_level), unjitted(wh.contradict)
+start_segment, believe_nuisances = unjitted(pr.start_segment), unjitted(fl.believe_nuisances)
+move_wind_level = unjitted(fl.move_wind_level)
 solve_window, report_window, limit_absent = map(unjitted, (ft.solve_window, ft.report_window, ft.limit_absent))
-note_innovation, queue_block, drop_blocks, forget_blocks, judge_model, judge_window, likelihood_of_chance = map(
-    unjitted, (wh.note_innovation, wh.queue_block, wh.drop_blocks, wh.forget_blocks, wh.judge_model, wh.judge_window,
-               wh.likelihood_of_chance))
+note_innovation, queue_block, drop_blocks, judge_model, likelihood_of_chance = map(unjitted, (
+    wh.note_innovation, wh.queue_block, wh.drop_blocks, wh.judge_model, wh.likelihood_of_chance))
 
 
 def config(nominal: Nominal = WINDY, **choices) -> Config:
@@ -610,47 +608,6 @@ def test_a_change_soon_after_another_is_the_models_fault_but_not_the_same_ones_a
         assert check.flag[wh.RAISED] == contradicted
         judge_model(check, level, 0, 100.0 + second + 1.01 * wh.CHECK_MEMORY)
         assert check.flag[wh.RAISED] == 0
-
-
-def test_alarms_that_follow_one_another_are_no_change_that_goes_on_for_ever():
-    """Each within MERGED of the one before, the last beyond it of the first: a gust that nobody declared does so."""
-    cut = cut_of(config(CALM))
-    check = cut.state.check
-    for alarm in (100.0, 100.5, 101.0, 102.4):
-        drop_blocks(check, 1, alarm)
-        assert check.flag[wh.IS_RESTLESS] == 0
-    drop_blocks(check, 1, 103.0)
-    assert check.flag[wh.IS_RESTLESS] == 1
-
-
-def test_one_window_s_test_is_believed_for_that_window_and_two_within_20_s_or_one_far_off_beyond_it():
-    cut = cut_of(config(CALM))
-    check, level = cut.state.check, np.zeros(5)
-    judge_window(check, level, wh.STEADY_WINDOW, 1.0)
-    assert not check.flag.any()
-    for t, unexplained, beyond in ((1.0, 1.001 * wh.STEADY_WINDOW, False),
-                                   (1.1 + wh.FORGOTTEN, wh.FAR_WINDOW, False),
-                                   (30.0, 1.001 * wh.STEADY_WINDOW, True),
-                                   (60.0, 1.001 * wh.FAR_WINDOW, True),
-                                   (5.0, wh.FAR_WINDOW, False)):  # the clock was set back
-        judge_window(check, level, unexplained, t)
-        assert check.flag[wh.RAISED] == check.flag[wh.IN_WINDOW] == 1
-        assert not judge_model(check, level, 0, t) and check.flag[wh.RAISED] == 1
-        assert check.flag[wh.BEYOND_CHANCE] == beyond
-        check.number[wh.STATISTIC] = 0.0 if beyond else 1.01 * wh.BELIEVED  # which alone would not have raised it
-        judge_window(check, level, 0.0, t)
-        assert judge_model(check, level, 0, t) == beyond
-        check.number[wh.STATISTIC] = 0.0
-        assert check.flag[wh.RAISED] == check.flag[wh.BEYOND_CHANCE] == 0
-    check.number[wh.STATISTIC] = 1.01 * wh.BELIEVED
-    judge_window(check, level, 1.001 * wh.FAR_WINDOW, 90.0)
-    assert not judge_model(check, level, 0, 90.0) and check.flag[wh.BEYOND_CHANCE] == 1
-    judge_window(check, level, 0.0, 91.0)
-    assert not judge_model(check, level, 0, 91.0) and check.flag[wh.RAISED] == 1
-    check.number[wh.STATISTIC] = 0.0
-    assert judge_model(check, level, 0, 92.0)
-    contradict(check, 7.0)
-    assert not judge_model(check, level, 0, 7.0) and judge_model(check, level, 0, 7.1 + wh.CHECK_MEMORY)
 
 
 def test_a_quiet_first_window_does_not_take_its_guesses_of_the_offsets_for_information():

@@ -30,9 +30,8 @@ WINDOW = 5.0
 FAR = 3.0  # own standard deviations
 SEED = 31
 
-measure, distance, free_deviations, choose_filter, forget_constants, pace, restart, reduce_moment, follow = map(
-    unjitted, (linsolve.measure, un.distance, un.free_deviations, un.choose_filter, un.forget_constants, un.pace,
-               un.restart_undeclared, un.reduce_moment, un.follow_undeclared))
+measure, distance, choose_filter, forget_constants, restart, reduce_moment = map(unjitted, (
+    linsolve.measure, un.distance, un.choose_filter, un.forget_constants, un.restart_undeclared, un.reduce_moment))
 begin_block, go_back = unjitted(un.begin_block), unjitted(un.go_back)
 
 
@@ -133,16 +132,6 @@ def test_the_filter_that_predicts_better_is_the_one_to_go_on_from(state):
     state.mean[un.NEW, 4] = 0.02
     choose_filter(state, 1.01 * un.ANOTHER)
     assert state.mean[un.CONSTANT, 4] == 0.02 and not state.better.any()
-
-
-def followed(level: float, triangle: np.ndarray, *doubts: int):
-    """State after this block, once for each of `doubts`."""
-    cut = cut_of(config(load_nominal("constant")))
-    cut.state.filter.level[:] = level
-    for doubt in doubts:
-        follow(cut.fixed.belief, cut.apart["profile"], cut.state.filter, cut.state.undeclared, cut.work.undeclared,
-               triangle, np.array([0.5, 0.5]), doubt, 10.0, 0.1)
-    return cut.state.undeclared
 
 
 # ---- in flight

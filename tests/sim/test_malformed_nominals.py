@@ -10,10 +10,6 @@ from sim.nominal import built_in, load_nominal
 GOOD = built_in("constant").read_text(encoding="utf-8")
 SECTIONS = "actuator, controller, diagnosis, drift, effects, guidance, margins, name, offsets, sensors, simulation, " \
            "test_input, uncertainty, vehicle, wind"
-ACTUATOR = "command_noise_std, damping_ratio, damping_ratio_sigma, deflection_limit, delay, delay_sigma, " \
-           "natural_frequency, natural_frequency_sigma, time_constant"
-
-
 def without(section: str) -> str:
     """The file less one of its sections."""
     head, *parts = GOOD.split("\n[")

@@ -6,13 +6,11 @@ import math
 import pickle
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 from cut import scratch
 from hypothesis import given
 from hypothesis import strategies as hs
-from numba.core.runtime import _nrt_python, rtsys
 from unjitted import unjitted
 
 from launchid.cli.main import main
@@ -77,14 +75,6 @@ def test_a_band_is_decided_at_95_percent_and_out_wants_the_alarm(delta, std):
     best = int(np.argmax(probability))
     decided = probability[best] >= un.DECIDED and (best != un.OUT or raised)
     assert band == (best if decided else un.NO_BAND)
-
-
-def test_probabilities_match_scipy():
-    stats = pytest.importorskip("scipy.stats")
-    gauge = Range()
-    gauge.see(1.0, 0.5, 0.2)
-    inside = [stats.norm.cdf(e, 0.5, 0.2) - stats.norm.cdf(-e, 0.5, 0.2) for e in EDGES]
-    assert gauge.gauge.probability[0] == pytest.approx([*np.diff([0.0, *inside]), 1.0 - inside[-1]], abs=1e-12)
 
 
 # ---- the alarm
@@ -329,28 +319,6 @@ def test_the_figure_is_drawn(launchid, folder, tmp_path):
         assert launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--plot", tmp_path / name)[0] == 0
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes() != b""
     assert report([]) == {"windows": []}
-
-
-def flown(n, sigma, gauge, total, now, counts, event):
-    """n blocks and windows."""
-    for k in range(n):
-        un.watch_range(sigma, gauge, total, now, 0.0, counts, event)
-        un.close_range(sigma, gauge, total, float(k))
-
-
-@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="numba's runtime allocates nothing to count")
-def test_a_flight_allocates_nothing():
-    """The positive control of this count is in test_estimator."""
-    gauge, loop = Range(), numba.njit(flown)
-    total, now = np.array([0.4, 0.0, 1e-4, 0.0, 1e-4]), 1.0
-    rtsys.initialize(numba.core.registry.cpu_target.target_context)
-    _nrt_python.memsys_enable_stats()
-    made = []
-    for n in (1, 10, 1000):
-        before = rtsys.get_allocation_stats().alloc
-        loop(n, gauge.range, gauge.gauge, total, now, gauge.counts, gauge.event)
-        made.append(rtsys.get_allocation_stats().alloc - before)
-    assert made[1] == made[2]
 
 
 def test_the_summary_of_the_confidence_range_is_of_valid_estimates():
