@@ -93,7 +93,7 @@ def seal_of(memory: Memory) -> np.int64:
     seal = _folded(memory.words)
     if memory.struct is FILTERED:
         inner = np.uint64(0)
-        for row in memory.apart["rows"][:, :memory.parts.state.acc.counts[ROWS]]:
+        for row in memory.apart["rows"][:, :max(memory.parts.state.acc.counts[ROWS], 0)]:
             inner = _mixed(inner) ^ _folded(row)
         seal = _mixed(seal) ^ inner
     return seal.view(np.int64)

@@ -2,13 +2,16 @@
 
 Facts come from the configuration (fields of `Size`, the fixed struct, tables), from constants of modules and, for an
 argument, from what every call of the kernel gives it (`unit.Unit`).  What they decide is not written in C: a condition
-is its answer, a branch that it excludes is gone, and so is a loop of no turns.
+is its answer, a branch that it excludes is gone, and so is a loop of no turns.  What an index that is not known chooses
+from a table is one of several (`Among`): it decides a test that has one answer for all of them.
 """
 
 import ast
 import itertools
+import math
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
 
 Fact = Any  # int, float, bool; an array that never changes; a tuple of an array's extents, None where unknown; None
 NUMBERS = (bool, int, float)
+MOST = 64    # facts among which one is
 OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod, ast.Eq: operator.eq, ast.NotEq: operator.ne,
@@ -28,6 +32,22 @@ OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
 CALLS: dict[str, Callable[..., Any]] = {
     "abs": abs, "min": min, "max": max, "int": int, "float": float, "np.isfinite": np.isfinite, "np.isnan": np.isnan,
     "np.isinf": np.isinf}
+
+
+@dataclass(frozen=True)
+class Among:
+    """One of several facts: numbers, or arrays of one shape."""
+
+    facts: tuple[Fact, ...]
+
+
+def among(facts: Iterable[Fact]) -> Fact:
+    """What is one of these facts; None if one of them is not known, or of too many."""
+    parts = [part for fact in facts for part in (fact.facts if isinstance(fact, Among) else (fact,))]
+    distinct = {repr(part): part for part in parts}
+    if any(part is None for part in parts) or not 0 < len(distinct) <= MOST:
+        return None
+    return parts[0] if len(distinct) == 1 else Among(tuple(distinct[key] for key in sorted(distinct)))
 
 
 def fact_of(value: Any) -> Fact:
@@ -41,6 +61,10 @@ def fact_of(value: Any) -> Fact:
 
 def shared(a: Fact, b: Fact) -> Fact:
     """What two calls have in common."""
+    if isinstance(a, Among) and isinstance(b, (Among, *NUMBERS)):
+        if all(isinstance(each, NUMBERS) for each in a.facts):
+            return among([a, b])
+        return a if repr(a) == repr(b) else None
     if isinstance(a, NUMBERS) or isinstance(b, NUMBERS):
         return a if type(a) is type(b) and repr(a) == repr(b) else None
     if a is None or b is None or a is b:
@@ -59,6 +83,7 @@ def differ(a: Fact, b: Fact) -> bool:
 
 def extents_of(fact: Fact, dimensions: int) -> tuple[int | None, ...]:
     """Extents of an array, None where unknown."""
+    fact = fact.facts[0] if isinstance(fact, Among) else fact
     if isinstance(fact, np.ndarray):
         return fact.shape
     return fact if isinstance(fact, tuple) else (None,) * dimensions
@@ -80,23 +105,35 @@ class Facts:
         fact = None if node is None else self(node)
         return fact if isinstance(fact, NUMBERS) else None
 
+    def options(self, node: ast.expr | None) -> tuple[Any, ...] | None:
+        """The numbers that an expression may be in the turns of the loops around it; None where one is not known."""
+        if node is None:
+            return None
+        names = [name for name in self.ranges if any(isinstance(each, ast.Name) and each.id == name
+                                                     for each in ast.walk(node))]
+        found, before = list[Fact](), (self.given, self.kept)
+        for values in itertools.product(*(self.ranges[name] for name in names)):
+            if names:
+                self.given, self.kept = before[0] | dict(zip(names, values, strict=True)), {}
+            found.append(self(node))
+        self.given, self.kept = before
+        fact = among(found)
+        if isinstance(fact, Among) and isinstance(fact.facts[0], NUMBERS):
+            return fact.facts
+        return (fact,) if isinstance(fact, NUMBERS) else None
+
     def decided(self, test: ast.expr) -> Any:
         """The answer of a test, also if it is the same in every turn of the loops around it; None if unknown."""
-        names = [name for name in self.ranges if any(isinstance(each, ast.Name) and each.id == name
-                                                     for each in ast.walk(test))]
-        if not names:
-            return self.number(test)
-        answers, before = set(), (self.given, self.kept)
-        for values in itertools.product(*(self.ranges[name] for name in names)):
-            self.given, self.kept = self.given | dict(zip(names, values, strict=True)), {}
-            answers.add(self.number(test))
-        self.given, self.kept = before
-        return answers.pop() if len(answers) == 1 else None
+        answers = self.options(test)
+        return answers[0] if answers is not None and len(answers) == 1 else None
 
     def turns(self, loop: ast.For) -> int | None:
         """How often a loop is gone through."""
-        of = self.range_of(loop)
-        return None if of is None else len(of)
+        ends = [self.options(each) for each in loop.iter.args] if isinstance(loop.iter, ast.Call) else [None]
+        if None in ends:
+            return None
+        turns = {len(range(*map(int, each))) for each in itertools.product(*ends)}  # type: ignore[arg-type]
+        return turns.pop() if len(turns) == 1 else None
 
     def range_of(self, loop: ast.For) -> range | None:
         """What a loop goes through."""
@@ -148,18 +185,36 @@ class Facts:
             return extents[at[0].value]  # type: ignore[attr-defined]
         base = self(node.value)
         places = [self._slice(each) if isinstance(each, ast.Slice) else self.number(each) for each in at]
-        if isinstance(base, np.ndarray) and None not in places:
-            part = base[tuple(places)]
-            return part if isinstance(part, np.ndarray) else part.item()
+        if isinstance(base, (np.ndarray, Among)):
+            parts = self._chosen(base, at, places)
+            if parts is not None:
+                return parts
         if not isinstance(base, (np.ndarray, tuple)):
             return None
         whole = extents_of(base, 0)
         parts = [self._part(each, n) for each, n in zip(at, whole, strict=False) if isinstance(each, ast.Slice)]
         return (*parts, *whole[len(at):]) or None
 
+    @staticmethod
+    def _chosen(base: Fact, at: list[ast.expr], places: list[Any]) -> Fact:
+        """A part of a table, or of one of several, wherever an index that is not known points to."""
+        tables = base.facts if isinstance(base, Among) else (base,)
+        if not all(isinstance(table, np.ndarray) for table in tables):
+            return None
+        open_ = [place is None and not isinstance(each, ast.Slice) for each, place in zip(at, places, strict=True)]
+        if any(place is None and isinstance(each, ast.Slice) for each, place in zip(at, places, strict=True)):
+            return None
+        choices = [range(n) if is_open else [place]
+                   for is_open, place, n in zip(open_, places, tables[0].shape, strict=False)]
+        if len(tables) * math.prod(map(len, choices)) > MOST:
+            return None
+        found = [table[place] for table in tables for place in itertools.product(*choices)]
+        return among(part if isinstance(part, np.ndarray) else part.item() for part in found)
+
     def _slice(self, node: ast.Slice) -> slice | None:
         low, high = self.number(node.lower), self.number(node.upper)
-        return None if None in (low, high) and (node.lower, node.upper) != (None, None) else slice(low, high)
+        is_known = (low is None) == (node.lower is None) and (high is None) == (node.upper is None)
+        return slice(low, high) if is_known else None
 
     def _part(self, node: ast.Slice, extent: int | None) -> int | None:
         """Extent of a part."""
@@ -190,8 +245,13 @@ class Facts:
         if len(node.ops) > 1:
             return None
         right = node.comparators[0]
-        other = [self.number(each) for each in right.elts] if isinstance(right, ast.Tuple) else self.number(right)
-        return self._both(node.ops[0], self.number(node.left), other)
+        if isinstance(right, ast.Tuple):
+            return self._both(node.ops[0], self.number(node.left), [self.number(each) for each in right.elts])
+        a, b = self.options(node.left), self.options(right)
+        if isinstance(node.ops[0], ast.Lt) and isinstance(node.left, ast.Call) and b and max(b) <= 0:
+            if ast.unparse(node.left.func) == "abs":
+                return False
+        return None if a is None or b is None else among(self._both(node.ops[0], x, y) for x in a for y in b)
 
     def _boolop(self, node: ast.BoolOp) -> Fact:
         left = self.undecided(node)

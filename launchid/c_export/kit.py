@@ -1,16 +1,19 @@
 """The kit that an export has beside the estimator: vectors and their checker, an example, Makefile, a target, a
 README."""
 
-from launchid_core import Config, Sample
+from launchid_core import Config, Status
 
 from .program import c_files, template
-from .vectors import header
+from .vectors import Flight, header
 from .wrappers import wrappers
 
-PLAIN = ("check.c", "example.c", "Makefile", "target.c", "target.ld")  # the same for every configuration
+PLAIN = ("example.c", "Makefile", "target.c", "target.ld")  # the same for every configuration
 
 
-def exported(config: Config, samples: list[Sample]) -> dict[str, str]:
-    """File name -> text of all that `launchid export-c` writes; the Python estimator answers to the samples."""
-    return (c_files(config) | {name: template(name, {}) for name in PLAIN} | {"vectors.h": header(config, samples)}
+def exported(config: Config, flights: list[Flight]) -> dict[str, str]:
+    """File name -> text of all that `launchid export-c` writes; the Python estimator answers to the flights."""
+    statuses = ", ".join(f"LAUNCHID_{status.name}" for status in Status)
+    vectors = {"flights": len(flights), "samples": sum(len(flight.samples) for flight in flights)}
+    return (c_files(config, vectors=vectors) | {"check.c": template("check.c", {"statuses": statuses})}
+            | {name: template(name, {}) for name in PLAIN} | {"vectors.h": header(config, flights)}
             | wrappers(config))

@@ -27,14 +27,15 @@ FIXED, STATE, WORK = "fixed", "state", "work"
 GUARD = f"{STATE}.guard"
 
 
-def c_files(config: Config, general: bool = False) -> dict[str, str]:
+def c_files(config: Config, general: bool = False, vectors: dict[str, int] | None = None) -> dict[str, str]:
     """File name -> text of an estimator with this configuration; `general`: kernels that know nothing of their callers,
-    to count what they do of arrays of any extents."""
+    to count what they do of arrays of any extents; vectors: how many `flights` and `samples` it is checked with."""
     program = _Program(config, port_of(config), general)
     header, source = program.header(), program.source()
     functions = sorted(name for name in (*FUNCTIONS, "fabs", "frexp", "ldexp") if re.search(rf"\b{name}\(", source))
     return {"launchid.h": header, "launchid.c": source, "replay.c": template("replay.c", {}),
-            "README.md": template("README.md", program.sizes() | {"functions": ", ".join(functions)})}
+            "README.md": template("README.md", program.sizes() | {"functions": ", ".join(functions)}
+                                  | (vectors or {"flights": 0, "samples": 0}))}
 
 
 def template(name: str, values: dict[str, object]) -> str:

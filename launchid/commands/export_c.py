@@ -93,9 +93,9 @@ def export_c(nominal: NominalSource, *, window: float = WINDOW, period: float | 
         raise UsageError(str(error)) from None
     except TypeError as error:  # of Python's: a word that is none of Config's
         raise UsageError(f"export-c: {str(error).removeprefix('Config.__init__() ')}") from None
-    samples = flown(nominal, config)
-    files = exported(config, samples)
-    return Exported(files, config, samples, {"files": list(files)})
+    flights = flown(nominal, config)
+    files = exported(config, flights)
+    return Exported(files, config, flights[0].samples, {"files": list(files)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class Exported(Answer):
 
     files: dict[str, str]
     config: Config
-    samples: list[Sample]   # of the vectors that it is checked with
+    samples: list[Sample]   # of the first flight that it is checked with
     report: dict[str, Any]
     warnings: tuple[str, ...] = ()
 

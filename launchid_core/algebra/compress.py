@@ -49,7 +49,7 @@ def choose_rows(usable, n, p, random, kept):
     for i in range(n):
         left += usable[i]
     count = 0
-    if left <= p:  # all of them
+    if p >= kept.shape[0] or left <= p:  # all of them
         for i in range(n):
             if usable[i] == 1:
                 kept[count] = i

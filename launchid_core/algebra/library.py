@@ -21,7 +21,6 @@ import numpy as np
 
 from ..kernels import asked, inner
 from .elementary import cos_of, sin_of
-from .lanes import multiply
 
 VARIABLES = ("theta", "theta_dot", "beta", "tau")
 N_VARIABLES = 4
@@ -163,9 +162,6 @@ def function_value(function, x):
 @inner
 def multiply_by_power(column, base, power, n):
     """column[i] *= base[i]^power, the power first; power >= 1."""
-    if power == 1:
-        multiply(column, base, 0, n)
-        return
     for i in range(n):
         value = base[i]
         for _ in range(1, power):
@@ -182,21 +178,11 @@ def library_column(code, z, argument, n, column):
     argument (>=n,)    in   what its function, if it has one, is of, as measured
     column   (>=n,)    out
     """
-    begun = False
+    for i in range(n):
+        column[i] = 1.0
     for v in range(N_VARIABLES):
-        if code[v] == 0:
-            continue
-        if begun:
+        if code[v] > 0:
             multiply_by_power(column, z[v], code[v], n)
-        else:
-            for i in range(n):
-                column[i] = z[v, i]
-            for _ in range(1, code[v]):
-                multiply(column, z[v], 0, n)
-        begun = True
-    if not begun:
-        for i in range(n):
-            column[i] = 1.0
     if code[4] > 0:
         for i in range(n):
             column[i] *= function_value(code[4], argument[i])

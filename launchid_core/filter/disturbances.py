@@ -14,7 +14,7 @@ import numpy as np
 from ..algebra.elementary import exp_of
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, MOMENT, TURBULENCE, WALK
-from .belief import AIR_ALPHA, AIR_BETA, AIR_WIND, AIRY, LEAN, air_at
+from .belief import AIR_ALPHA, AIR_BETA, AIR_WIND, AIRY, GAMMA_STD, LEAN, air_at
 from .servo import KEEP, REACH, STEP
 from .states import FIRST, GAMMA_NOW, LAST, N_STATES
 
@@ -107,7 +107,7 @@ def add_wind(belief, fil, gamma_variance):
         q *= share_blown(belief, j, h, keep)
         fil.p[k, k] += q
         fil.sp[at, k, k] += 2.0 * q
-    if gamma_variance > 0.0:
+    if belief.constant[GAMMA_STD] > 0.0 and gamma_variance > 0.0:
         w = (0.5 * h * fil.step[REACH], fil.step[REACH])
         for i in range(2):
             for j in range(2):

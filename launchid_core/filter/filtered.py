@@ -235,13 +235,14 @@ def update_levels(belief, fil, acc, work):
     solve_triangle(square, n, work.right[:], work.step[:])
     for k in range(n):
         j = work.order[k]
-        most = share * (LEVEL_STEP if j < N_NOISES else WIND_STEP)
+        is_wind = n > N_NOISES and j >= N_NOISES
+        most = share * (WIND_STEP if is_wind else LEVEL_STEP)
         moved = min(max(work.step[k], -most), most)
         fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > most)
-        if j < N_NOISES:
-            fil.level[j] += moved
-        else:
+        if is_wind:
             move_wind_level(n, fil, acc, j, moved)
+        else:
+            fil.level[j] += moved
 
 
 @inner
@@ -254,12 +255,11 @@ def move_wind_level(levels, fil, acc, j, moved):
     stop the fall: after 70 s of calm air at a twentieth of the declared, where a fiftieth can be told from it.  Where
     the level stands at its least, what is known of it falls on, so that it rises with the first gust.
     """
-    if j < levels:  # always; of a model without wind a compiler of the exported C sees that there is none
-        fil.level[j] = max(fil.level[j] + moved, LEAST_WIND)
-        share = exp_of(0.5 * moved)
-        for i in range(levels):
-            acc.level_information[i, j] *= share
-            acc.level_information[j, i] *= share
+    fil.level[j] = max(fil.level[j] + moved, LEAST_WIND)
+    share = exp_of(0.5 * moved)
+    for i in range(levels):
+        acc.level_information[i, j] *= share
+        acc.level_information[j, i] *= share
 
 
 @inner

@@ -169,6 +169,7 @@ def _fill_regression(config: Config, fixed: Any) -> None:
     plan[pl.INTEGRAL] = int(config.formulation == "integral")
     plan[pl.HELD] = int(config.beta_held)
     fixed.threshold[:] = _thresholds(config)
+    plan[pl.SPARSE] = int(any(fixed.threshold) or config.solver in ("sr3", "lasso"))
     fixed.saturation[:] = math.inf
     fixed.saturation[rb.THETA], fixed.saturation[rb.THETA_DOT] = config.theta_saturation, config.theta_dot_saturation
     fixed.saturation[rb.BETA] = config.beta_saturation

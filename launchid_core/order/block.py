@@ -113,8 +113,9 @@ def span_of(fixed, state):
 @inner
 def seal_carried(state, words, rows):
     """Seal of all that is carried from block to block."""
-    carried = mixed(fold_words(words))
-    return seal_integer(carried, fold_rows(rows, rows.shape[0], state.acc.counts[fl.ROWS]), 0)
+    carried, count = mixed(fold_words(words)), state.acc.counts[fl.ROWS]
+    count = min(max(count, 0), rows.shape[1])  # it may be damaged
+    return seal_integer(carried, fold_rows(rows, rows.shape[0], count), 0)
 
 
 @inner

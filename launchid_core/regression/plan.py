@@ -1,8 +1,8 @@
 """The choices made at construction, as kernels read them, and the places of the series of a window's close."""
 
 # plan (i8) of a regression
-KEEP, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, INTEGRAL, HELD, ENOUGH = range(9)
-N_PLAN = 9
+KEEP, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, INTEGRAL, HELD, ENOUGH, SPARSE = range(10)
+N_PLAN = 10
 # threshold (f8) of a regression: what a term must exceed to stay
 RAW, OWN_SHARE = range(2)
 N_THRESHOLDS = 2

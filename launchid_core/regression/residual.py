@@ -33,7 +33,7 @@ from ..algebra.sparse import ACTIVE_TOLERANCE
 from ..gate.ring import ATTACK, BETA, T
 from ..gate.window import ATTITUDE, EQUATIONS, INTERVAL, O_A6_STD, O_CORRELATION
 from ..kernels import inner
-from .plan import ERROR, HALF, HELD, INTEGRAL, KEPT, PAIR, TERM_A6, TERM_A6_DOT, VALUE
+from .plan import ERROR, HALF, HELD, INTEGRAL, KEPT, PAIR, SPARSE, TERM_A6, TERM_A6_DOT, VALUE
 from .rows import integral_error, integrate
 
 STEADIEST = 0.97     # largest autoregression believed: beyond, L would be the whole window and S = 0
@@ -251,7 +251,8 @@ def report_attitude(plan, codes, work, out, rows, marks, at, series, n, free):
     y, drift = at[q + ATTITUDE], at[q + EQUATIONS:].reshape((PAIR * count,))
     for j in range(q):
         size += int(work.active[j] == 1)
-    known, drifts = free > size + 1, factor_drifts(plan, q, size, work, drift, count, free)
+    known = plan[SPARSE] == 1 and free > size + 1
+    drifts = factor_drifts(plan, q, size, work, drift, count, free)
     fill_series(q, size, work, y, drift, series, drifts, known)
     turn_back(at, q, size, work, drift, series, drifts)
     if size > 0:
@@ -259,7 +260,7 @@ def report_attitude(plan, codes, work, out, rows, marks, at, series, n, free):
             integral_error(codes, work, rows, marks, n, work.xi, plan[HELD])
         report_active(plan, q, work, out, rows, marks, series, free - size - drifts)
     for j in range(q):
-        if not work.active[j]:
+        if plan[SPARSE] == 1 and not work.active[j]:
             out.absent[j] = np.inf
             if known and work.length[j] > 0.0:
                 weigh(series[2 + j], series[1], work.lost[j], 0, count)

@@ -1,5 +1,6 @@
-/* Feeds the replay vectors to the estimator and compares every answer with the Python estimator's, bit for bit; half
-   way it saves its state and goes on from what it saved.  Prints how many answers differ; exit status 0 if none does. */
+/* Feeds the replay vectors to the estimator and compares every answer with the Python estimator's, bit for bit.  Where
+   the vectors say so it saves its state, loses it and goes on from what it saved, with another word in it if the vectors
+   say so.  Prints how many answers differ; exit status 0 if none does. */
 
 #include "launchid.h"
 #include "vectors.h"
@@ -17,59 +18,52 @@ void LAUNCHID_REPORT(void);
 #endif
 
 #define NO_NUMBER UINT64_C(0x7FF8000000000000)
-#define ROOM 2048
+#define END (LAUNCHID_SAVED_BYTES - 4U)
 
 static launchid_estimator estimator;
 static uint8_t saved[LAUNCHID_SAVED_BYTES];
-static uint64_t word[ROOM];
-static size_t words;
-static int differences;
+static size_t answers;
+static int differences, sample_number;
 
-static double number(uint64_t of)
+static void differ(const char *what, unsigned long got, unsigned long got_low, unsigned long wanted, unsigned long low)
 {
-    double x;
-    memcpy(&x, &of, sizeof x);
-    return x;
+    printf("sample %d, answer %lu%s: %08lX%08lX, expected %08lX%08lX\n", sample_number, (unsigned long)answers, what,
+           got, got_low, wanted, low);
+    differences++;
+}
+
+/* The next answer.  Halves of a word: not every C library prints 64 bits. */
+static void word(uint64_t of)
+{
+    if (answers >= VECTOR_ANSWERS) {
+        differ(" is one too many", 0UL, 0UL, 0UL, 0UL);
+    } else if (of != vector_answer[answers]) {
+        const uint64_t wanted = vector_answer[answers];
+        differ("", (unsigned long)(of >> 32), (unsigned long)(of & UINT32_MAX), (unsigned long)(wanted >> 32),
+               (unsigned long)(wanted & UINT32_MAX));
+    }
+    answers++;
 }
 
 static void put(double x)
 {
     uint64_t of;
     memcpy(&of, &x, sizeof of);
-    word[words++] = x != x ? NO_NUMBER : of;  /* every NaN is one */
+    word(x != x ? NO_NUMBER : of);  /* every NaN is one */
 }
 
 static void count(int64_t n)
 {
-    word[words++] = (uint64_t)n;
+    word((uint64_t)n);
 }
 
-/* Halves of a word: not every C library prints 64 bits. */
-static unsigned long high(uint64_t of)
+/* What is not in the vectors but must be so. */
+static void expect(bool so, const char *what)
 {
-    return (unsigned long)(of >> 32);
-}
-
-static unsigned long low(uint64_t of)
-{
-    return (unsigned long)(of & UINT32_MAX);
-}
-
-/* Answers so far with those expected. */
-static void compare(const char *what, int at, const uint64_t expected[], size_t n)
-{
-    if (words != n) {
-        printf("%s %d: %u numbers, expected %u\n", what, at, (unsigned)words, (unsigned)n);
+    if (!so) {
+        printf("expected: %s\n", what);
         differences++;
     }
-    for (size_t k = 0; k < words && k < n; k++) {
-        if (word[k] != expected[k]) {
-            printf("%s %d, number %u: %08lX%08lX, expected %08lX%08lX\n", what, at, (unsigned)k, high(word[k]),
-                   low(word[k]), high(expected[k]), low(expected[k]));
-            differences++;
-        }
-    }
-    words = 0;
 }
 
 static void put_level(const launchid_level *l, bool there)
@@ -94,7 +88,7 @@ static void put_estimate(void)
 {
     launchid_estimate e;
     launchid_level a6, k1;
-    (void)launchid_get_estimate(&estimator, &e);
+    expect(launchid_get_estimate(&estimator, &e), "an estimate of a window that is complete");
     const double numbers[] = {e.t_start, e.t_end, e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr, e.a6_dot, e.k1_dot,
                               e.a6_bound, e.k1_bound, e.condition};
     const double tracked[] = {e.tracked.a6, e.tracked.k1, e.tracked.a6_std, e.tracked.k1_std, e.tracked.a6_k1_corr,
@@ -140,60 +134,112 @@ static void put_change(const launchid_change *c)
     count(c->final);
 }
 
-/* The state is saved, lost and restored. */
-static void restart(void)
-{
-    const uint8_t *const end = &saved[LAUNCHID_SAVED_BYTES - 4];
-    (void)launchid_save(&estimator, saved);
-    count((int64_t)((uint32_t)end[0] | (uint32_t)end[1] << 8 | (uint32_t)end[2] << 16 | (uint32_t)end[3] << 24));
-    const uint64_t expected[] = {VECTOR_SAVED_CHECKSUM};
-    compare("saved state's checksum, sample", VECTOR_SAVED_AT, expected, 1);
-    launchid_reset(&estimator);
-    count(launchid_restore(&estimator, saved, sizeof saved));
-    const uint64_t restored[] = {LAUNCHID_RESTORED};
-    compare("restored at sample", VECTOR_SAVED_AT, restored, 1);
-}
-
-int main(void)
+/* What is known at a flight's end. */
+static void put_end(void)
 {
     static launchid_change change[2 * LAUNCHID_MAX_CHANGES];
-    int windows = 0;
-    launchid_reset(&estimator);
-    for (int k = 0; k < VECTOR_SAMPLES; k++) {
-        const uint64_t *const v = vector_sample[k];
-        const launchid_sample s = {number(v[0]), number(v[1]), number(v[2]), number(v[3]), number(v[4]), number(v[5]),
-                                   number(v[6])};
-        if (k == VECTOR_SAVED_AT) {
-            restart();
-        }
-        const launchid_status status = LAUNCHID_UPDATE(&estimator, &s);
-        const uint64_t expected[] = {(uint64_t)vector_status[k]};
-        count(status);
-        compare("status of sample", k, expected, 1);
-        if (status == LAUNCHID_WINDOW_COMPLETE && windows < VECTOR_WINDOWS) {
-            put_estimate();
-            compare("window", windows, vector_window[windows], VECTOR_WORDS);
-            windows++;
-        }
-    }
     const int64_t changes = launchid_get_changes(&estimator, change);
-#if VECTOR_CHANGES > 0
-    for (int k = 0; k < (int)changes && k < VECTOR_CHANGES; k++) {
+    count(changes);
+    for (int64_t k = 0; k < changes; k++) {
         put_change(&change[k]);
-        compare("change", k, vector_change[k], 9);
     }
-#else
-    (void)put_change;
-    (void)vector_change;
-#endif
     const launchid_notes notes = launchid_state_notes(&estimator.state);
     count(notes.outliers);
     count(notes.restarts);
     count(notes.level_clamps);
     count(notes.withdrawn_changes);
-    compare("notes", 0, vector_notes, 4);
-    differences += (int)changes != VECTOR_CHANGES || windows != VECTOR_WINDOWS;
-    printf("%d samples, %d windows, %d changes\n", VECTOR_SAMPLES, windows, (int)changes);
+    static const launchid_status all[] = {$statuses};
+    for (size_t k = 0; k < sizeof all / sizeof *all; k++) {
+        count(launchid_count(&estimator, all[k]));
+    }
+}
+
+/* CRC-32 of what is saved, bit by bit. */
+static uint32_t checksum(void)
+{
+    uint32_t crc = UINT32_MAX;
+    for (size_t k = 0; k < END; k++) {
+        crc ^= saved[k];
+        for (int bit = 0; bit < 8; bit++) {
+            crc = (crc & 1U) != 0U ? (crc >> 1) ^ UINT32_C(0xEDB88320) : crc >> 1;
+        }
+    }
+    return ~crc;
+}
+
+static void put_bytes(size_t at, uint64_t number, size_t n)
+{
+    for (size_t k = 0; k < n; k++) {
+        saved[at + k] = (uint8_t)(number >> (8 * k));
+    }
+}
+
+static uint32_t saved_checksum(void)
+{
+    const uint8_t *const b = &saved[END];
+    return (uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
+}
+
+/* The state is saved, lost and restored, with a word from this byte on if it is none of the first. */
+static void restart(uint64_t at, uint64_t number)
+{
+    expect(launchid_save(&estimator, saved), "a saved state");
+    count((int64_t)saved_checksum());
+    if (at > 0) {
+        put_bytes((size_t)at, number, 8);
+        put_bytes(END, checksum(), 4);
+    }
+    launchid_reset(&estimator);
+    expect(launchid_restore(&estimator, saved, sizeof saved) == LAUNCHID_RESTORED, "a restored state");
+}
+
+/* What is refused, and leaves the state as it is. */
+static void refuse(const launchid_sample *s)
+{
+    launchid_estimate e;
+    launchid_level a6, k1;
+    (void)launchid_save(&estimator, saved);
+    expect(launchid_restore(&estimator, saved, 1U) == LAUNCHID_SAVED_NOT_WHOLE, "refused: not whole");
+    saved[END] ^= 1U;
+    expect(launchid_restore(&estimator, saved, sizeof saved) == LAUNCHID_SAVED_DAMAGED, "refused: damaged");
+    saved[0] ^= 1U;
+    put_bytes(END, checksum(), 4);
+    expect(launchid_restore(&estimator, saved, sizeof saved) == LAUNCHID_SAVED_FOREIGN, "refused: foreign");
+    estimator.state.busy = LAUNCHID_BUSY_MARK;
+    expect(launchid_update(&estimator, s) == LAUNCHID_BUSY, "busy");
+    expect(launchid_count(&estimator, LAUNCHID_BUSY) == 1, "counted as busy");
+    expect(!launchid_save(&estimator, saved), "not saved while busy");
+    expect(launchid_restore(&estimator, saved, sizeof saved) == LAUNCHID_SAVED_NOT_NOW, "refused: not now");
+    launchid_reset(&estimator);
+    expect(!launchid_get_estimate(&estimator, &e), "no estimate before the first window");
+    expect(!launchid_get_level(&estimator, &a6, &k1), "no level before the first window");
+}
+
+int main(void)
+{
+    int restarts = 0;
+    launchid_sample s = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+    for (int flight = 0; flight < VECTOR_FLIGHTS; flight++) {
+        launchid_reset(&estimator);
+        for (; sample_number < vector_end[flight]; sample_number++) {
+            double v[7];
+            memcpy(v, vector_sample[sample_number], sizeof v);
+            s = (launchid_sample){v[0], v[1], v[2], v[3], v[4], v[5], v[6]};
+            while (restarts < VECTOR_RESTARTS && vector_restart[restarts][0] == (uint64_t)sample_number) {
+                restart(vector_restart[restarts][1], vector_restart[restarts][2]);
+                restarts++;
+            }
+            const launchid_status status = LAUNCHID_UPDATE(&estimator, &s);
+            count(status);
+            if (status == LAUNCHID_WINDOW_COMPLETE) {
+                put_estimate();
+            }
+        }
+        put_end();
+    }
+    refuse(&s);
+    expect(answers == VECTOR_ANSWERS, "as many answers as in the vectors");
+    printf("%d samples, %lu answers\n", VECTOR_SAMPLES, (unsigned long)answers);
     LAUNCHID_REPORT();
     printf("%d differences\n", differences);
     return differences == 0 ? EXIT_SUCCESS : EXIT_FAILURE;

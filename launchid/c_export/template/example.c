@@ -16,7 +16,7 @@ static launchid_work work;
 static bool next_sample(int k, launchid_sample *s)
 {
     double value[7];
-    if (k >= VECTOR_SAMPLES) {
+    if (k >= VECTOR_FIRST) {
         return false;
     }
     memcpy(value, vector_sample[k], sizeof value);

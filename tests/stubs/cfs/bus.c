@@ -17,7 +17,7 @@ CFE_Status_t CFE_MSG_GetSize(const CFE_MSG_Message_t *m, CFE_MSG_Size_t *n) { (v
 CFE_Status_t CFE_SB_CreatePipe(CFE_SB_PipeId_t *p, uint16 d, const char *n) { (void)d; (void)n; *p = 1; return 0; }
 CFE_Status_t CFE_SB_Subscribe(CFE_SB_MsgId_t i, CFE_SB_PipeId_t p) { (void)i; (void)p; return CFE_SUCCESS; }
 void CFE_SB_TimeStampMsg(CFE_MSG_Message_t *m) { (void)m; }
-bool CFE_ES_RunLoop(uint32 *status) { return *status == CFE_ES_RunStatus_APP_RUN && next < VECTOR_SAMPLES; }
+bool CFE_ES_RunLoop(uint32 *status) { return *status == CFE_ES_RunStatus_APP_RUN && next < VECTOR_FIRST; }
 void CFE_ES_ExitApp(uint32 status) { printf("exit %u\n", (unsigned)status); }
 
 CFE_Status_t CFE_SB_ReceiveBuffer(CFE_SB_Buffer_t **buffer, CFE_SB_PipeId_t p, int32 t)

@@ -16,7 +16,7 @@ int main(void)
         S.in[k] = &v[k];
     }
     mdlStart(&S);
-    for (int k = 0; k < VECTOR_SAMPLES; k++) {
+    for (int k = 0; k < VECTOR_FIRST; k++) {
         memcpy(v, vector_sample[k], sizeof v);
         mdlOutputs(&S, 0);
         if (S.out[0] == S.out[0] && S.out[0] != last) {
