@@ -235,9 +235,10 @@ class Expressions:
             raise Untranslatable(f"{ast.unparse(node)}: expected one of + - * / // %")
         symbol, tightness = SYMBOLS[type(node.op)]
         kind = self.kinds.of(node)
-        if kind == INTEGER and isinstance(node.op, ast.Mult):
-            for factor, other in ((node.left, node.right), (node.right, node.left)):
-                if self.kinds.facts.number(factor) == 1:
+        if kind == INTEGER and isinstance(node.op, (ast.Mult, ast.Add)):
+            neutral = int(isinstance(node.op, ast.Mult))
+            for part, other in ((node.left, node.right), (node.right, node.left)):
+                if self.kinds.facts.number(part) == neutral:
                     return self._code(other)
         left, right = self.turned(node.left, kind, tightness), self.turned(node.right, kind, UNARY)
         return f"{left} {symbol} {right}", tightness

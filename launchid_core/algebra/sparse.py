@@ -142,15 +142,18 @@ def solve_stls(q, whole, y, threshold, xi, active, work):
     if not begin(q, whole, y, xi, work):
         return -1
     n = q
-    for passes in range(q + 1):
-        solve(q, n, order, norms, rows, xi)
+    solve(q, n, order, norms, rows, xi)
+    if not threshold > 0.0:
+        return 1
+    for passes in range(1, q + 1):
         before = n
         for j in range(q):
             if active[j] and abs(xi[j]) < threshold:
                 active[j] = False
                 n = leave(q, n, j, order, rows)
         if n == before:
-            return passes + 1
+            return passes
+        solve(q, n, order, norms, rows, xi)
     return q + 1
 
 
