@@ -1,5 +1,6 @@
 """Flights of a known truth, written from scratch for tests: nothing of the project's own simulator is in them."""
 
+import functools
 import math
 from collections.abc import Callable
 
@@ -15,28 +16,35 @@ def test_input(seed: int, amplitude: float, tones: int = 8, low: float = 0.5, hi
     return lambda t: amplitude * float(np.sum(np.sin(frequency * t + phase))) / math.sqrt(tones)
 
 
-def runge_kutta(slope: Callable[[np.ndarray], np.ndarray], x: np.ndarray, step: float) -> np.ndarray:
+def runge_kutta(slope: Callable[[list[float]], list[float]], x: list[float], step: float) -> list[float]:
     """The state a step [s] later."""
     a = slope(x)
-    b = slope(x + 0.5 * step * a)
-    c = slope(x + 0.5 * step * b)
-    return x + step / 6.0 * (a + 2.0 * b + 2.0 * c + slope(x + step * c))
+    b = slope([p + 0.5 * step * q for p, q in zip(x, a, strict=True)])
+    c = slope([p + 0.5 * step * q for p, q in zip(x, b, strict=True)])
+    d = slope([p + step * q for p, q in zip(x, c, strict=True)])
+    return [p + step / 6.0 * (q + 2.0 * r + 2.0 * u + v) for p, q, r, u, v in zip(x, a, b, c, d, strict=True)]
 
 
-def fly(seconds: float, *, a6: float = 2.0, k1: float = -6.0, damping: float = 0.0, moment: float = 0.0,
-        drift: float = 0.0, square: float = 0.0, lag: float = 0.03, row: float = 0.01, seed: int = 1,
-        amplitude: float = 0.02) -> dict[str, np.ndarray]:
+def fly(seconds: float, **choices: float) -> dict[str, np.ndarray]:
+    """The columns of `flown`, which is flown once."""
+    return {name: x.copy() for name, x in flown(seconds, **choices).items()}
+
+
+@functools.cache
+def flown(seconds: float, *, a6: float = 2.0, k1: float = -6.0, damping: float = 0.0, moment: float = 0.0,
+          drift: float = 0.0, square: float = 0.0, lag: float = 0.03, row: float = 0.01, seed: int = 1,
+          amplitude: float = 0.02) -> dict[str, np.ndarray]:
     """A log of theta_ddot = a6 (theta - gamma) + damping theta_dot + k1 (b + square b^2) + moment under PD control.
 
     drift [1/s]  gamma_dot = drift (theta - gamma);  lag [s]  of the nozzle b behind its command;  row [s]
     """
     rng, excite = np.random.default_rng(seed), test_input(seed + 2, amplitude)
-    x, command, rows = np.zeros(4), 0.0, []  # theta, theta_dot, gamma, b
+    x, command, rows = [0.0] * 4, 0.0, []  # theta, theta_dot, gamma, b
 
-    def slope(x: np.ndarray) -> np.ndarray:
+    def slope(x: list[float]) -> list[float]:
         attack, b = x[0] - x[2], x[3]
-        return np.array([x[1], a6 * attack + damping * x[1] + k1 * (b + square * b * b) + moment, drift * attack,
-                         (command - b) / lag])
+        return [x[1], a6 * attack + damping * x[1] + k1 * (b + square * b * b) + moment, drift * attack,
+                (command - b) / lag]
 
     every = round(row / STEP)
     for k in range(round(seconds / STEP)):
@@ -101,10 +109,10 @@ def spinning() -> dict[str, np.ndarray]:
 
 def propeller(square: float = 26.0, lag: float = 0.1) -> dict[str, np.ndarray]:
     """A pendulum driven by a propeller: thrust as the square of the input behind a lag; no rate, 100 Hz."""
-    rng, h, x, u, rows = np.random.default_rng(7), 0.002, np.array([0.2, 0.0, 1.0]), 1.0, []
+    rng, h, x, u, rows = np.random.default_rng(7), 0.002, [0.2, 0.0, 1.0], 1.0, []
 
-    def slope(x: np.ndarray) -> np.ndarray:
-        return np.array([x[1], -86.0 * math.sin(x[0]) + square * x[2] ** 2 - 5.7 - x[1], (u - x[2]) / lag])
+    def slope(x: list[float]) -> list[float]:
+        return [x[1], -86.0 * math.sin(x[0]) + square * x[2] ** 2 - 5.7 - x[1], (u - x[2]) / lag]
 
     for k in range(10000):
         if k % 350 == 0:
@@ -118,10 +126,10 @@ def propeller(square: float = 26.0, lag: float = 0.1) -> dict[str, np.ndarray]:
 def wheel(washout: float = 1.0, half_period: float = 5.0) -> dict[str, np.ndarray]:
     """50 s of a pendulum under a reaction wheel with back-EMF: theta_ddot = -10.5 sin(theta) - 3.4 (u - x) - 0.1
     theta_dot, x' = (u - x)/washout; a square input of this half period [s], 20 Hz, no rate."""
-    rng, h, x, u, rows = np.random.default_rng(7), 0.005, np.zeros(3), 0.0, []
+    rng, h, x, u, rows = np.random.default_rng(7), 0.005, [0.0] * 3, 0.0, []
 
-    def slope(x: np.ndarray) -> np.ndarray:
-        return np.array([x[1], -10.5 * math.sin(x[0]) - 3.4 * (u - x[2]) - 0.1 * x[1], (u - x[2]) / washout])
+    def slope(x: list[float]) -> list[float]:
+        return [x[1], -10.5 * math.sin(x[0]) - 3.4 * (u - x[2]) - 0.1 * x[1], (u - x[2]) / washout]
 
     for k in range(10000):
         u = 0.2 if (k * h // half_period) % 2 else -0.2
@@ -150,10 +158,10 @@ def rate_loop(delay: float = 0.034, gain: float = 88.0) -> dict[str, np.ndarray]
 def swing(friction: float = 0.15, closed_up: bool = False) -> dict[str, np.ndarray]:
     """23 s of a free pendulum with Coulomb friction [rad/s^2], 20 Hz; closed_up: three samples that were lost at 0.3 s
     are missing from the stamps too."""
-    h, x, angles = 0.005, np.array([-0.67, 0.0]), []
+    h, x, angles = 0.005, [-0.67, 0.0], []
 
-    def slope(x: np.ndarray) -> np.ndarray:
-        return np.array([x[1], -10.4 * math.sin(x[0]) - friction * math.tanh(x[1] / 0.005)])
+    def slope(x: list[float]) -> list[float]:
+        return [x[1], -10.4 * math.sin(x[0]) - friction * math.tanh(x[1] / 0.005)]
 
     for k in range(4600):
         if k % 10 == 0 and not (closed_up and 60 <= k < 90):

@@ -384,7 +384,7 @@ KINDS = (
     Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh, lambda m: _modes(m, SLOSH),
          _one, ((2e-3, 0.2, 25.0), (1e-3, *DAMPING)), lambda m: m.has["theta"] and m.is_flown),
     Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1, _bending, lambda m: _modes(m, BENDING),
-         lambda m: 0.1, ((2e-2, 2.0, 300.0), (1e-3, *DAMPING)), lambda m: m.is_flown and _commanded(m)),
+         lambda m: 0.1, ((2e-2, *BENDING), (1e-3, *DAMPING)), lambda m: m.is_flown and _commanded(m)),
     Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift, _nowhere, lambda m: 0.1,
          (), lambda m: m.has["theta"] and _unstable(m) and not m.track.record.path_is_known),
     Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1,

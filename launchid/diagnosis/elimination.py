@@ -11,20 +11,20 @@ import numpy as np
 
 from ..sums import square
 from .estimate import Fit, gauss_newton, information
-from .model import Model
+from .model import KINEMATIC, Model
 from .score import compare, deviations, left_out
 
 Z = 2.3                # standard errors that a number must save on left-out blocks
 LEAST = 8.0            # squares that it must save: 4 nats
 SHARE = 0.05           # of what the full model saves, that it must save
-EVENT = 28.0           # squares that an event must save, of which nothing is left out and whose place was searched
+EVENT = 28.0           # squares that is to save what fewer errors or no blocks vouch for: it may be the best of many
 BESIDE_EVENT = 0.2     # of what the largest saves, that an event beside it must save: less is the rest of its shape
 FREELY = 2.0           # squares that numbers may cost by the information and go at once, untried
 TRIES = 3              # groups tried in a step, the cheapest first
 EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goes first, as if it cost so much of it
 RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "friction", "k1_slope", "lateral_drift"}
 SHAPES_OF_NUMBERS = {"cubic", "sine", "term beta^2", "friction"}
-SHAPE_Z = 4.0          # standard errors that a curve of the motion must save
+SHAPE_Z = 4.0          # standard errors that a curve of the motion must save, or any number beside a wrong sensor
 CLEAR, CLEAR_Z = 0.5, 1.65   # of what the full model saves in a stranger's log, from which so many errors are enough
 ONE_OF = 12.0          # squares by which one of a set of twins may be worse than all of them, to stand for them
 AT_END = 0.01          # of an end of a shape's range, within which it stands at it
@@ -162,7 +162,9 @@ class Search:
             return False     # rows of a measured input that moves between them feign a little of it
         if group.is_event:
             return gain > EVENT and gain > SHARE * removable
-        is_clear = not self.m.is_flown and gain > CLEAR * removable
+        if self.m.is_flown and group.name not in KINEMATIC and gain > SHAPE_Z * error:
+            removable -= self.by_sensors
+        is_clear = not self.m.is_flown and gain > max(CLEAR * removable, EVENT)
         is_curve = not self.m.is_flown and not is_clear and group.name in SHAPES_OF_NUMBERS
         z = CLEAR_Z if is_clear else SHAPE_Z if is_curve else Z
         return gain > z * error and gain > LEAST and gain > SHARE * removable
@@ -180,6 +182,9 @@ class Search:
         start = tuple(sorted(band | self.notes))
         nominal = gauss_newton(m, m.null.copy(), start, band, 3)
         e_nominal = left_out(m, nominal)
+        sensors = {m.index(name) for name in KINEMATIC if name in m.names}
+        alone = gauss_newton(m, nominal.p, tuple(sorted(band | sensors)), band - sensors, 3)
+        self.by_sensors = max(square(e_nominal) - square(left_out(m, alone)), 0.0)
         self.correlations(full)
         fit, live = full, [g for g in self.groups]
         m.white(full.p)

@@ -18,6 +18,7 @@ FOLDS, PASSES, BLOCKS = 6, 3, 24   # folds of the score, times that they go roun
 CURVES = {"sin(theta)": ekf.SIN, "cos(theta)": ekf.COS, "theta^2": ekf.SQUARE, "theta^3": ekf.CUBE,
           "sign(theta_dot)": ekf.SIGN, "theta*theta_dot": ekf.CROSS, "beta^2": ekf.K2}
 LINEAR = ("1", "theta", "theta_dot", "beta")
+KINEMATIC = ("gyro_bias", "gyro_scale", "gyro_delay")   # say something of the columns alone, and turn no vehicle
 RESOLVED = 0.4         # second over first differences of a measured input, up to which its acceleration is known
 RESPONSE_STEP = 0.02   # s, about, of small responses between two rows
 DENSEST = 30.0         # times the declared, up to which a sensor's noise of a stand may be fitted

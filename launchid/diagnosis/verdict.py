@@ -20,7 +20,7 @@ from .candidates import KINDS, usual
 from .elimination import ALIKE_Z, LEAST, Elimination, Kept, Search
 from .estimate import Fit, fit_levels, gauss_newton
 from .gain import Gain, held_out
-from .model import BLOCKS, Model, Number, Stopped
+from .model import BLOCKS, KINEMATIC, Model, Number, Stopped
 from .scan import NEAR, Found, scan, with_shape
 from .score import compare, left_out
 
@@ -40,7 +40,6 @@ BETWEEN_THEM = 2.0     # of what everything saves, that names may save last in: 
 ODD = 0.25             # of what causes save, from which a shape in no list takes the name away
 WORSE, AHEAD, LEVEL = 1.0, 0.85, 2.0   # of a stranger's log: standard errors, share of the error ahead, noise level
 TURNED, PLACEBO = (0.2, 0.45, 0.7), 2.0   # parts of the log by which the input is turned; times that its own must win
-KINEMATIC = ("gyro_bias", "gyro_scale", "gyro_delay")   # say something of the columns alone, where they were declared
 INPUT = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2",
          "control_loss", "bending", "actuator_backlash", "actuator_rate_limit")  # numbers and shapes of the input
 

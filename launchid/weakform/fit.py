@@ -73,9 +73,10 @@ def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = (), own: 
         k = m.phi.shape[1]
         return Fit(np.full(k, math.nan), np.full((k, k), math.nan), np.ones(n), m.y, m.y, n - q, True)
     own = own or noise_likelihood(m)
-    s = mixed(m, own.restricted if likelihood is None else likelihood, own.scale)
+    s, accumulated = mixed(m, own.restricted if likelihood is None else likelihood, own.scale)
+    disturbed = float(np.sum(accumulated / s))
     for step in range(3):   # the scale; what the quadrature of these coefficients may be off; the rest's own spectrum
-        xi, covariance = solved(m, s, prior if step else ())
+        xi, covariance = solved(m, s, prior if step else (), disturbed)
         if covariance is None:
             nothing = np.full(n, math.nan)
             return Fit(xi, np.full((len(xi), len(xi)), math.nan), s, nothing, nothing, n - q, True)
@@ -105,16 +106,18 @@ def apart(m: Modes, s: np.ndarray, x: np.ndarray) -> np.ndarray:
     return x - np.reshape(np.stack([combined(m.ends, each) for each in told.T], axis=-1), x.shape) if told.size else x
 
 
-def solved(m: Modes, s: np.ndarray, prior: Prior = ()) -> tuple[np.ndarray, np.ndarray | None]:
+def solved(m: Modes, s: np.ndarray, prior: Prior = (), disturbed: float = 0.0) -> tuple[np.ndarray, np.ndarray | None]:
     """Return (coefficients, covariance) under variances s (n,), the latter None where columns cannot be told apart.
 
     What the sensors' noise adds to the columns' products is taken off them (errors in variables: bias-compensated least
-    squares), and from those with the slope of theta what its own noise adds.
+    squares), and from those with the slope of theta what its own noise adds; so is, of a rate, what disturbs it during
+    the row itself: `disturbed` modes of their noise are disturbances.
     """
     w = apart(m, s, m.phi) / np.sqrt(s)[:, None]
     gram, right = products(w, w), products(w, (m.y / np.sqrt(s))[:, None])[:, 0]
     passed = m.step**2 * (1.0 - 0.25 * m.curl) * (1.0 + m.curl / 12.0) ** 2 / s   # of Gregory's rule
     inner = gram - m.sensor * float(np.sum(passed))
+    right = right - m.ahead * disturbed
     if not m.has_rate:
         right = right + m.motion * float(np.sum(m.curl * (1.0 - 0.25 * m.curl) / s))
     for k, value, std in prior:
@@ -160,8 +163,9 @@ def quadrature(m: Modes, xi: np.ndarray) -> np.ndarray:
     return np.asarray((sums[many:] - sums[:-many]) / many) if len(off) > many else np.full(len(off), np.mean(off**2))
 
 
-def mixed(m: Modes, likelihood: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return the variance (n,) of each mode, its mean over the ratios by their likelihood (SPAN, SPAN).
+def mixed(m: Modes, likelihood: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the variance (n,) of each mode, its mean over the ratios by their likelihood (SPAN, SPAN), and of it what
+    is accumulated.
 
     Of an accumulated noise that a window hardly shows the most likely level is zero, and the mean is not.
     """
@@ -169,7 +173,8 @@ def mixed(m: Modes, likelihood: np.ndarray, scale: np.ndarray) -> np.ndarray:
     weight = weight / np.sum(weight) * scale
     ratio = 10.0**SPAN
     levels = (np.sum(weight), np.sum(ratio[:, None] * weight), np.sum(ratio * weight))
-    return np.asarray(sum(level * shape for level, shape in zip(levels, parts_of_noise(m), strict=True)))
+    parts = [level * shape for level, shape in zip(levels, parts_of_noise(m), strict=True)]
+    return np.asarray(sum(parts)), parts[0]
 
 
 def parts_of_noise(m: Modes) -> np.ndarray:

@@ -25,6 +25,7 @@ STRETCH = 1.0        # s, the least stretch without a gap: what is slower, and a
 SURE = 5.0           # standard deviations of a term that is there
 SHIFT = 3.0          # the same of a shift of beta
 WRONG = 2.0          # the same of a number that no vehicle has
+DRIVES = 0.2         # of the largest term, that a damping of the wrong sign is: less is drawn from disturbances
 TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
 ONE_COLUMN = 0.98    # of a column's square that others explain (|correlation| 0.99): it is one with them in this log
 SIMPLER = 0.7        # of the gain of the best term, for which a simpler one is preferred
@@ -100,7 +101,7 @@ class Piece:
         places = [k for k, term in enumerate(terms) if "beta" in term]
         values = np.column_stack([values_of(rows, terms[k], rows.attack, rows.theta_dot, beta) for k in places])
         ends = ends_of(rows, tuple(terms[k] for k in places), values, beta)
-        phi[:, places] = regression(rows, values, ends, np.zeros((0, 0)), np.zeros(0)).phi
+        phi[:, places] = regression(rows, values, ends, *[np.zeros(0)] * 3).phi
         return phi
 
     def shifted(self, terms: tuple[str, ...], lead: float) -> np.ndarray:
@@ -263,6 +264,9 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
             least_gain = SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total)
             gain = 2.0 * (likelihood(wider) - plain)
             is_apart = share < ONE_COLUMN or term in ("1", "gamma")
+            if term == FAST_THETA and "theta" in terms:   # a flight path takes of what theta does slowly, adds nothing
+                slow = [p.fit.xi[terms.index("theta")] for p in wider if not p.fit.is_singular]
+                is_apart &= size * (size + float(np.median(slow or [0.0]))) > 0.0
             if cut and term == "beta_ddot":   # of which the beginnings of stretches spoil the column
                 is_apart = False
             if is_most or (is_apart and min(gain, (size / std) ** 2) > least_gain):
@@ -431,7 +435,7 @@ def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray,
 def is_driving(value: float, std: float, parts: np.ndarray, k: int) -> bool:
     """Whether a rate damping is of the wrong sign and counts among the parts (q,) of the motion, of which it is one:
     beta answers the rate, and little else moves."""
-    return value > WRONG * std and bool(parts[k] > TOLERANCE * np.max(parts))
+    return value > WRONG * std and bool(parts[k] > DRIVES * np.max(parts))
 
 
 def left_over(fit: Fit, m: Modes) -> tuple[float | None, Lack | None]:

@@ -224,6 +224,7 @@ class Modes:
     theta_dot is made of theta: the rest of that noise is independent then
     sensor (q, q)  mean products of what white noise of the sensors makes of the terms;  motion (q,)  of that of theta
     alone, by which the slope of theta has it too
+    ahead (q,) [s]  by which a term's integral over a row has what disturbs theta_dot in it: half of the row, of a rate
     """
 
     y: np.ndarray
@@ -236,6 +237,7 @@ class Modes:
     ends: np.ndarray
     sensor: np.ndarray
     motion: np.ndarray
+    ahead: np.ndarray
 
 
 def sines(x: np.ndarray) -> np.ndarray:
@@ -263,7 +265,8 @@ def areas(t: np.ndarray, values: np.ndarray, ends: np.ndarray) -> tuple[np.ndarr
     return 0.5 * step[:, None] * (ends[1:] + values[:-1]) - off, off
 
 
-def regression(rows: Rows, values: np.ndarray, ends: np.ndarray, sensor: np.ndarray, motion: np.ndarray) -> Modes:
+def regression(rows: Rows, values: np.ndarray, ends: np.ndarray, sensor: np.ndarray, motion: np.ndarray,
+               ahead: np.ndarray) -> Modes:
     """Return the regression of theta_dot on terms given by their values and ends (n, q) at the rows (`areas`)."""
     parts, ends_of_stretch = list[tuple[np.ndarray, ...]](), list[np.ndarray]()
     q = values.shape[1]
@@ -291,7 +294,7 @@ def regression(rows: Rows, values: np.ndarray, ends: np.ndarray, sensor: np.ndar
     for k, each in enumerate(ends_of_stretch if not rows.has_rate else []):
         at = sum(map(len, ends_of_stretch[:k]))
         apart[at:at + len(each), 2 * k:2 * k + 2] = each
-    return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, apart, sensor, motion)
+    return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, apart, sensor, motion, ahead)
 
 
 def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray) -> np.ndarray:
@@ -341,7 +344,8 @@ def term_modes(rows: Rows, terms: tuple[str, ...], beta: np.ndarray | None = Non
         if term == FAST_THETA:
             by_theta[:, k] = 1.0
     sensor = (rows.theta_noise * products(by_theta, by_theta) + rows.rate_noise * products(by_rate, by_rate)) / len(b)
-    return regression(rows, values, ends, sensor, rows.theta_noise * by_theta.mean(axis=0))
+    return regression(rows, values, ends, sensor, rows.theta_noise * by_theta.mean(axis=0),
+                      0.5 * rows.period * by_rate.mean(axis=0))
 
 
 def later(rows: Rows, lead: float) -> np.ndarray:
