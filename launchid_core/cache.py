@@ -16,7 +16,6 @@ write to it.
 import contextlib
 import errno
 import hashlib
-import importlib.util
 import os
 import platform
 import re
@@ -73,17 +72,12 @@ def looked_through(path: Path) -> tuple[bytes, list[Path]]:
 
 
 def digest_of(module: str) -> str:
-    """Return the digest of an imported module, as `digest_from`."""
-    return digest_from(Path(str(sys.modules[module].__file__)))
-
-
-def digest_from(source: Path) -> str:
     """Return the digest of a module's source and of all that it imports, of the versions and of numba's settings."""
     settings = sorted(item for item in os.environ.items()
                       if item[0].startswith("NUMBA_") and "CACHE" not in item[0] and "THREAD" not in item[0])
     digest = repr((numba.__version__, sys.version, platform.machine(), settings)).encode()
     digests: dict[Path, bytes] = {}
-    waiting = [source]
+    waiting = [Path(str(sys.modules[module].__file__))]
     while waiting:
         path = waiting.pop()
         if path not in digests:
@@ -111,23 +105,10 @@ def make_room(place: Path) -> None:
         file.write(bytes(ROOM // 64))  # which a quota or a limit may forbid
 
 
-def kernels_place() -> Path | None:
-    """Return where the folders of all modules are; None without a home."""
-    return Path(GIVEN).absolute() if GIVEN and not os.environ.get("LAUNCHID_CACHE") else cache_folder()
-
-
-def has_kernels(module: str) -> bool:
-    """Whether kernels of a module of ours that is not imported yet are kept."""
-    place, spec = kernels_place(), importlib.util.find_spec(module)
-    if place is None or spec is None or spec.origin is None:
-        return False
-    return any((place / "kernels" / f"{module}-{digest_from(Path(spec.origin))}").glob("*/*.nbc"))
-
-
 @cache
 def folder_of(module: str) -> Path | None:
     """Return the folder of a module's kernels, made if need be; None if there is none that is safe and has room."""
-    place = kernels_place()
+    place = Path(GIVEN).absolute() if GIVEN and not os.environ.get("LAUNCHID_CACHE") else cache_folder()
     if place is None or config.DISABLE_JIT or not getattr(sys.modules.get(module), "__file__", None):
         return None
     try:

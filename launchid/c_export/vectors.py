@@ -14,11 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from launchid_core import BANDS, Config, Estimate, Estimator, Sample, Status, port_of
-from launchid_core.filter import whiteness as wh
-from launchid_core.gate import ring as rb
-from launchid_core.watch import changes as ch
-from launchid_core.watch import undeclared as un
+from launchid_core import BANDS, PLACES, Config, Estimate, Estimator, Sample, Status, port_of
 from sim.effects import from_text
 from sim.errors import InputError, UsageError
 from sim.flight import fly
@@ -31,14 +27,14 @@ OFFSETS = ("thrust_misalignment", "moment", "attitude_bias", "gyro_bias", "nozzl
 NAN, INF, HUGE = math.nan, math.inf, 1e300
 
 
-Word = tuple[str, int, float]
+Word = tuple[str, int | str, float]   # array of the memory, place in it (its name: `PLACES`), what stands there
 
 
 class Flight(NamedTuple):
     """Samples after a reset.
 
-    words  number of a sample -> words of the saved state (array, place, what stands there) that are others when the
-           estimator goes on from a checkpoint before this sample; none: a checkpoint as it is
+    words  number of a sample -> words of the saved state that are others when the estimator goes on from a checkpoint
+           before this sample; none: a checkpoint as it is
     """
 
     samples: list[Sample]
@@ -109,7 +105,7 @@ def _faulty(plain: list[Sample]) -> Flight:
     faults = dict(FAULTS)
     samples = [each for k, sample in enumerate(plain[:180]) for each in faults.get(k, lambda s: [s])(sample)]
     return Flight([*samples, *(s._replace(t=s.t - 3.0) for s in plain[180:240])],
-                  {LOST: [("state.check.number", wh.LOSSES, 9.0)]})
+                  {LOST: [("state.check.number", "LOSSES", 9.0)]})
 
 
 def _in_pieces(plain: list[Sample], rows: int, count: int) -> Flight:
@@ -135,10 +131,10 @@ def _changing(nominal: Nominal, config: Config, *effects: str) -> Flight:
     words: dict[int, list[Word]] = {
         150: [("state.gauge.flag", 0, 1), ("state.gauge.flag", 2, 1)], 220: [("state.gauge.flag", 1, 1)],
         rows - 15: sure,
-        rows - 3: [("state.check.flag", wh.HAS_FAILED, 1), ("state.check.number", wh.LAST_FAILED, 0.0)]}
+        rows - 3: [("state.check.flag", "HAS_FAILED", 1), ("state.check.number", "LAST_FAILED", 0.0)]}
     if len(effects) > 1:
-        words[280] = [("state.check.flag", wh.CHANGED, 1), ("state.check.number", wh.LAST_CHANGE, t - 5.0),
-                      ("state.undeclared.flag", un.AGE, 1)]
+        words[280] = [("state.check.flag", "CHANGED", 1), ("state.check.number", "LAST_CHANGE", t - 5.0),
+                      ("state.undeclared.flag", "AGE", 1)]
     return Flight(samples, words)
 
 
@@ -159,31 +155,36 @@ def _still(plain: list[Sample], rows: int) -> Flight:
     samples += [s._replace(t=s.t + rows * period, theta=1e-170 * s.theta, theta_dot=1e-170 * s.theta_dot,
                            beta=1e-170 * s.beta, beta_cmd=1e-170 * s.beta_cmd) for s in plain[:half]]
     return Flight([*samples, plain[0]._replace(t=2 * rows * period)], {
-        half - 2: [("state.check.number", wh.STATISTIC, 1e9)],
-        2 * half - 2: [("state.acc.window", 0, NAN), ("state.check.number", wh.STATISTIC, NAN)]})
+        half - 2: [("state.check.number", "STATISTIC", 1e9)],
+        2 * half - 2: [("state.acc.window", 0, NAN), ("state.check.number", "STATISTIC", NAN)]})
 
 
 # ---- words of a checkpoint
 
+def place_of(array: str, place: int | str) -> int:
+    """The place of a word in its array."""
+    return PLACES[f"{array}.{place}"] if isinstance(place, str) else place
+
+
 WORDS: tuple[tuple[Word, ...], ...] = (
     (("seals", 24, 1),), (("state.guard", 0, 1),), (("state.guard", 0, 1),), (("state.guard", 1, 1),),
     *(((name, place, value),) for name, place, values in (
-        ("state.counts", rb.HEAD, (-1, 9999)), ("state.counts", rb.ROWS, (-1, 9999)),
-        ("state.counts", rb.CLOSED_ROWS, (-1, 9999)), ("state.counts", rb.CLOSED_BACK, (-1, 2)),
-        ("state.counts", rb.WAITING, (-1, 9999)), ("state.acc.counts", 0, (-1, 9999)),
-        ("state.watch.counts", ch.NEXT, (-1, 99)), ("state.watch.counts", ch.KEPT, (-1, 99)),
-        ("state.watch.counts", ch.EVENTS, (-1,)), ("state.check.flag", wh.OLDEST, (-1, 99)),
-        ("state.check.flag", wh.WAITING, (-1, 99)), ("state.undeclared.flag", un.NEWER, (-1, 2)),
-        ("state.undeclared.flag", un.AGE, (-1,)), ("state.bank.total", 0, (NAN,)), ("state.bank.total", 2, (-1.0,)),
+        ("state.counts", "HEAD", (-1, 9999)), ("state.counts", "ROWS", (-1, 9999)),
+        ("state.counts", "CLOSED_ROWS", (-1, 9999)), ("state.counts", "CLOSED_BACK", (-1, 2)),
+        ("state.counts", "WAITING", (-1, 9999)), ("state.acc.counts", 0, (-1, 9999)),
+        ("state.watch.counts", "NEXT", (-1, 99)), ("state.watch.counts", "KEPT", (-1, 99)),
+        ("state.watch.counts", "EVENTS", (-1,)), ("state.check.flag", "OLDEST", (-1, 99)),
+        ("state.check.flag", "WAITING", (-1, 99)), ("state.undeclared.flag", "NEWER", (-1, 2)),
+        ("state.undeclared.flag", "AGE", (-1,)), ("state.bank.total", 0, (NAN,)), ("state.bank.total", 2, (-1.0,)),
         ("state.bank.total", 3, (-1.0,)),
         ("state.filter.x", 0, (NAN,)), ("state.filter.p", 0, (NAN,)), ("state.filter.level", 0, (13.0, 5.0)),
-        ("state.undeclared.flag", un.DOUBT, (wh.BLOCKS, wh.KEEPS_CHANGING)),
+        ("state.undeclared.flag", "DOUBT", (1, 2)),
         ("state.bank.mean", 0, (NAN,)), ("state.acc.level_information", 0, (NAN, INF)),
         ("state.undeclared.covariance", 28, (NAN,)),
-        ("state.check.flag", wh.BEYOND_CHANCE, (1,)),
-        ("state.check.number", wh.STATISTIC, (NAN,))) for value in values),
-    (("state.check.number", wh.STATISTIC, 6000.0), ("state.check.flag", wh.WAITING, 24)),
-    (("state.check.sums", 0, 1e9), ("state.check.flag", wh.WAITING, 24)),
+        ("state.check.flag", "BEYOND_CHANCE", (1,)),
+        ("state.check.number", "STATISTIC", (NAN,))) for value in values),
+    (("state.check.number", "STATISTIC", 6000.0), ("state.check.flag", "WAITING", 24)),
+    (("state.check.sums", 0, 1e9), ("state.check.flag", "WAITING", 24)),
     (("state.filter.level", 5, -2.0), ("state.filter.level", 6, -2.0), ("state.gust.number", 0, 0.9999)),
 )
 AFTER = 14             # samples from one to the next: a block, and a window's end
@@ -193,7 +194,8 @@ BEFORE = 25            # the first
 def _begun_again(plain: list[Sample], config: Config) -> Flight:
     """From checkpoints whose seals fit what stands in them, but for some words; then a window ends."""
     there = dict(port_of(config).memory.state_arrays())
-    sets = [words for words in WORDS if all(name in there and place < there[name].size for name, place, _ in words)]
+    sets = [words for words in WORDS if all(name in there and place_of(name, place) < there[name].size
+                                            for name, place, _ in words)]
     at = {BEFORE + AFTER * k: list(words) for k, words in enumerate(sets)}
     period, samples, t = config.sample_period, list[Sample](), plain[0].t
     for k in range(BEFORE + AFTER * len(sets)):
@@ -264,7 +266,7 @@ class _Answers:
         for name, place, value in [word for word in words if word[0] in self.place] or [("", 0, 0)]:
             saved = bytearray(self.estimator.save())
             self.answer([zlib.crc32(saved[:-4])])
-            at = self.begin + 8 * (self.place[name] + place) if name else 0
+            at = self.begin + 8 * (self.place[name] + place_of(name, place)) if name else 0
             if at:
                 saved[at:at + 8] = word(value).to_bytes(8, "little")
                 saved[-4:] = zlib.crc32(saved[:-4]).to_bytes(4, "little")

