@@ -338,9 +338,9 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found
         listed = [k for k in listed if k not in of_input]
         notes += ("the input of another time explains as much: nothing is said of it",)
         words.append("the input of another time explains as much as the log's own")
-    for k in [k for k in listed if is_reversed(m, el, k)]:
+    for k, why in [(k, why) for k in listed if (why := no_cause(m, el, k))]:
         listed.remove(k)
-        words.append(f"{m.numbers[k.group.numbers[0]].name} has the opposite sign: a convention, or a wrong nominal")
+        words.append(why)
     names = [each for k in listed for each in named_of(m, el, k)]
     if m.weather:
         level = {"turbulence": 6, "wind_walk": 5}[m.weather]
@@ -477,9 +477,16 @@ def place_of(m: Model, name: str) -> str:
 ALIKE = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias")}
 
 
-def is_reversed(m: Model, el: Elimination, k: Kept) -> bool:
-    """Whether a scale has the other sign: that is a convention of the log or of the nominal, and no cause."""
-    return m.numbers[k.group.numbers[0]].parameter == "scale" and not el.final.p[k.group.numbers[0]] > 0.0
+def no_cause(m: Model, el: Elimination, k: Kept) -> str:
+    """Why a number that is kept is no cause: a scale of the other sign is a convention of the log or of the nominal, at
+    the end of its range nothing is estimated; "": neither."""
+    j = k.group.numbers[0]
+    number, value = m.numbers[j], el.final.p[j]
+    if number.parameter == "scale" and not value > 0.0:
+        return f"{number.name} has the opposite sign: a convention, or a wrong nominal"
+    if number.name == k.group.name and (value <= m.low[j] + 1e-9 or value >= m.high[j] - 1e-9):
+        return f"{number.name} would be {value:.3g}, the end of its range, or beyond: something else is wrong"
+    return ""
 
 
 def beside(m: Model, number: Number, value: float) -> float:
