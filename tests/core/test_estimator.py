@@ -719,3 +719,12 @@ def test_rows_follow_the_contract():
 @pytest.mark.parametrize("library", [["theta", "beta"], ("theta", "beta"), "theta, beta", "rigid-body"])
 def test_library_by_name_list_or_tuple_is_the_same(library):
     assert Config(library=library).terms == ("theta", "beta")
+
+
+@pytest.mark.parametrize("other", [None, 5, "a", (1.0, 2.0), (0.0, "a", None, 1.0, 1.0, 1.0, 1.0)])
+def test_what_is_no_sample_is_refused_in_plain_words(other):
+    estimator = Estimator(Config(window=1.0, sample_period=0.01))
+    plain = r"^update: expected a Sample, 7 floats \(t, theta, .*\); got [A-Za-z]+( of \d)?$"
+    with pytest.raises(TypeError, match=plain):
+        estimator.update(other)
+    assert estimator.update(Sample(0.0, 0.0, 0.0, 0.0)) == 0, "and the next sample is taken"

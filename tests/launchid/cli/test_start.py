@@ -140,6 +140,7 @@ def test_the_core_imports_its_own_modules_alone_beside_numba():
     assert found.count("launchid_core") <= MOST_MODULES
 
 
+@pytest.mark.campaign
 def test_export_c_writes_the_same_bytes_without_the_compiler(tmp_path):
     words = ["export-c", "constant", "--window", "1", "--formulation", "integral", "--quiet"]
     done = python("-m", "sim", *words, "--out", tmp_path / "plain", NUMBA_DISABLE_JIT="1")

@@ -1,9 +1,5 @@
-"""The front door as a hostile user finds it: what was seen once, and the test that keeps each from coming back.
+"""The front door as a hostile user finds it: what was seen once, and has no test elsewhere."""
 
-What has its test elsewhere is listed by it; what has none is tested here.
-"""
-
-import ast
 import dataclasses
 import math
 import os
@@ -14,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from every import every
 from ported import as_text, built, filtered, flight, needs_compiler
 
 import launchid
@@ -25,43 +20,6 @@ from launchid.log.log import write_columns
 from sim.nominal import Nominal, load_nominal, write_nominal
 
 ROOT = Path(__file__).resolve().parents[3]
-ELSEWHERE = {  # what was seen: file and name of its test, after `test_`
-    "a device is replaced": "files a_device_stays_a_device",
-    "a FIFO is replaced": "files a_fifo_is_written_through",
-    "a symlink is replaced": "files behind_a_link_the_target_is_replaced_and_the_link_stays",
-    "a read-only file is overwritten": "files a_read_only_file_is_refused_even_to_root",
-    "a file's mode changes": "files the_mode_of_a_file_stays",
-    "a command overwrites its input": "files the_input_is_no_output",
-    "temporary files stay after kill -9":
-        "files what_a_killed_run_left_goes_at_the_next_and_a_living_one_s_stays",
-    "a FIFO is no log": "files a_log_is_read_from_a_fifo",
-    "- and <(...) are no log": "files a_log_is_read_from_a_process_s_output_and_from_standard_input",
-    "a sign is taken without a word": "checked one_line_of_warning_and_exit_3_with_strict",
-    "fit-lft takes a reversed sign": "checked fit_lft_refuses_a_foreign_column_and_fits_what_lost_a_stamp",
-    "times in ms are a window's fault": "checked times_in_milliseconds_without_a_nominal_are_recognised",
-    "a short profile is held silently": "checked a_profile_that_ends_before_the_flight_is_one_line",
-    "--plot without matplotlib": "start without_matplotlib_one_line_says_what_to_install",
-    "a full disk on stdout": "start a_full_disk_behind_stdout_is_one_line",
-    "Ctrl-C while importing": "start an_interrupt_while_modules_are_imported_is_one_line",
-    "--tracked prints no tracked estimate": "launchid identify_prints_the_tracked_columns_when_asked",
-    "two rows are an empty table": "launchid a_log_of_two_rows_gives_a_sentence",
-    "--help says little": "reference every_option_has_text_unit_and_default",
-    "update(None) leaks internals": "pictures what_is_no_sample_is_refused_in_plain_words",
-    "the first window crushes the picture":
-        "pictures what_is_not_determined_does_not_set_the_scale_and_is_marked_at_the_edge",
-    "legends over data": "pictures legends_lie_outside_the_data",
-    "4.5253 +- 1.6": "launchid a_value_is_shown_to_two_digits_of_its_standard_deviation",
-    "a first delta of 7.7": "pictures a_first_delta_of_7_7_does_not_crush_the_bands",
-    "eighteen decades": "pictures errors_at_rounding_leave_a_readable_range_and_are_counted",
-    "the wheel installs sim alone": "launchid the_package_is_typed_and_installed"}
-
-
-@every("seen", ELSEWHERE)
-def test_what_was_seen_has_its_test(seen):
-    file, name = ELSEWHERE[seen].split()
-    path, = (ROOT / "tests").rglob(f"test_{file}.py")
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    assert f"test_{name}" in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 
 def run(capsys, *words: object) -> tuple[int, str, str]:
