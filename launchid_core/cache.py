@@ -24,7 +24,6 @@ import stat
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -96,12 +95,13 @@ def is_private(folder: Path) -> bool:
 @cache
 def make_room(place: Path) -> None:
     """Delete folders that nobody used for long; OSError if there is no room left."""
-    for folder in place.iterdir():
-        if time.time() - folder.stat().st_mtime > UNUSED:
-            shutil.rmtree(folder, ignore_errors=True)
-    if shutil.disk_usage(place).free < ROOM:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     with tempfile.TemporaryFile(dir=place) as file:
+        now = os.fstat(file.fileno()).st_mtime  # by the clock that the folders have
+        for folder in place.iterdir():
+            if now - folder.stat().st_mtime > UNUSED:
+                shutil.rmtree(folder, ignore_errors=True)
+        if shutil.disk_usage(place).free < ROOM:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         file.write(bytes(ROOM // 64))  # which a quota or a limit may forbid
 
 
