@@ -29,6 +29,7 @@ from .rows import Modes, Rows, increments, term_modes, usable
 POOLED = 0.2         # of the likelihood of the noise's ratios in the whole log, that counts in each of its windows
 ALIKE, VAGUE = 0.99, 0.3   # |correlation| of a6 and k1, relative deviations, beyond which they are not told apart
 WORTH = 0.5          # of the largest term, that one standard deviation of the term of a6 or k1 may be
+UNTRUE = 1.5         # times what its deviations say, that the spread of coefficients that stand still may be
 BY_CHANCE = 6.0      # chi square of two, 95 %: what a drift of a6 and k1 moves them by beyond is in the deviations
 HELD_OUT = 3         # the last of so many parts of a window is held out for its `fit`
 LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
@@ -127,7 +128,8 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
     if rows is None:
         return Judged([refused(e, EstimateStatus.SHORT) if e.valid else e for e in estimates],
                       [WindowFit() for _ in estimates], [], None, asked.unchecked, estimates)
-    made = [_of_window(rows, e, asked, is_weak) for e in estimates]
+    rate = rates(asked)
+    made = [_of_window(rows, e, asked, is_weak, rate) for e in estimates]
     lacks = {lack.what: lack for _, _, each, _ in made for lack in each}
     untested = sum(e.status == EstimateStatus.UNCHECKED for e, *_ in made)
     reason = asked.unchecked or (f"{untested} windows have too few rows to test {len(asked.terms)} coefficients: "
@@ -143,8 +145,8 @@ def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:
     return tuple(term for term in config.terms if term in seen or term == "beta")
 
 
-def _of_window(rows: Rows, e: Estimate, asked: Question,
-               is_weak: bool) -> tuple[Estimate, WindowFit, list[Lack], Estimate]:
+def _of_window(rows: Rows, e: Estimate, asked: Question, is_weak: bool,
+               rate: dict[str, float]) -> tuple[Estimate, WindowFit, list[Lack], Estimate]:
     """Return a window's estimate, its fit, what it lacks, and the estimate before it was refused."""
     terms = asked.terms if is_weak or not e.valid else active_terms(e)
     part = rows.part(rows.cut(e.t_start, e.t_end))
@@ -152,6 +154,8 @@ def _of_window(rows: Rows, e: Estimate, asked: Question,
     if m is None or len(m.y) < PER_COEFFICIENT * (len(terms) + 1):
         return (refused(e, EstimateStatus.UNCHECKED) if e.valid else e), WindowFit(), [], e
     fit = window_fit(m, terms, asked, is_whole=len(part.t) > 0.9 * len(rows.t))
+    if not fit.is_singular:
+        fit = dataclasses.replace(fit, covariance=fit.covariance + drift(part, fit, terms, rate))
     made = of_fit(part, m, fit, e, terms) if is_weak else e
     if asked.unchecked:
         return (refused(made, EstimateStatus.UNCHECKED) if made.valid else made), WindowFit(), [], made
@@ -193,14 +197,13 @@ def window_fit(m: Modes, terms: tuple[str, ...], asked: Question, is_whole: bool
 
 
 def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) -> Estimate:
-    """Return a window's estimate of the weak form; its deviations are those of the fit, and what a drift of a6 and k1
-    moves them by beyond chance (Hausman 1978)."""
+    """Return a window's estimate of the weak form."""
     blank = dataclasses.replace(refused(e), terms=terms, xi=np.full((len(terms), 3), math.nan),
                                 support=np.zeros((len(terms), 3), bool))
     if fit.is_singular:
         moves = all(np.ptp(x) > 0.0 for x in (rows.theta, rows.beta))
         return dataclasses.replace(blank, status=EstimateStatus.LOW_INFORMATION if moves else EstimateStatus.RANK)
-    covariance = fit.covariance + drift(rows, fit, terms)
+    covariance = fit.covariance
     std = np.sqrt(np.diag(covariance))
     place = {term: k for k, term in enumerate(terms)}
     pair = [place.get("theta", place.get("sin(theta)", -1)), place.get("beta", -1)]
@@ -229,25 +232,44 @@ def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) 
         k1_bound=math.nan, absent={}, terms_std=dict(zip(terms, std.tolist(), strict=True)), rows=len(rows.t))
 
 
-def drift(rows: Rows, fit: Fit, terms: tuple[str, ...]) -> np.ndarray:
-    """Return the covariance (q, q) that lines in time in a6 and k1 make of the coefficients beyond chance."""
+def rates(asked: Question) -> dict[str, float]:
+    """Return how fast [1/s] the coefficients of a6 and k1 change in the log: the spread of its pieces' own beyond their
+    deviations (DerSimonian and Laird 1986), as of one that goes up and down once; 0 where it may be chance."""
+    pieces, found = asked.pieces, dict[str, float]()
+    span = pieces[-1].rows.t[0] - pieces[0].rows.t[0] if pieces else 0.0
+    for k, term in enumerate(asked.terms):
+        told = [(p.fit.xi[k], p.fit.covariance[k, k]) for p in pieces if not p.fit.is_singular]
+        if term not in ("theta", "sin(theta)", "beta") or len(told) < 2 or not span > 0.0:
+            continue
+        x, w = np.array([each for each, _ in told]), np.array([1.0 / variance for _, variance in told])
+        free, spread = len(x) - 1, float(np.sum(w * (x - np.sum(w * x) / np.sum(w)) ** 2))
+        chance = UNTRUE * free * (1.0 - 2.0 / (9.0 * free) + 3.09 * math.sqrt(2.0 / (9.0 * free))) ** 3
+        if spread > chance:   # chi square, 99.9 % (Wilson and Hilferty 1931)
+            beyond = (spread - free) / (np.sum(w) - np.sum(w**2) / np.sum(w))
+            found[term] = 2.0 * math.pi / span * math.sqrt(beyond)
+    return found
+
+
+def drift(rows: Rows, fit: Fit, terms: tuple[str, ...], rate: dict[str, float]) -> np.ndarray:
+    """Return the covariance (q, q) that lines in time in a6 and k1 make of the coefficients: lines as steep as the log
+    shows them to be, and what they move by in this window beyond chance (Hausman 1978)."""
     q = len(terms)
     slopes = tuple(f"tau*{term}" for term in ("theta", "sin(theta)", "beta")
                    if term in terms and f"tau*{term}" not in terms)
-    nothing = np.zeros((q, q))
     if len(slopes) != 2:
-        return nothing
-    wide = term_modes(rows, (*terms, *slopes))
-    bent = gls(wide)
-    if bent.is_singular:
-        return nothing
+        return np.zeros((q, q))
     pair = [terms.index(slope.removeprefix("tau*")) for slope in slopes]
+    steep = np.array([rate.get(terms[k], 0.0) for k in pair])
+    bent = gls(term_modes(rows, (*terms, *slopes)))
+    if bent.is_singular:
+        return np.diag(np.full(q, math.inf)) if steep.any() else np.zeros((q, q))
+    information = np.linalg.inv(bent.covariance)
+    moved = np.linalg.solve(information[:q, :q], information[:q, q:]) * steep   # by each line, left out
+    covariance = np.asarray(moved @ moved.T)
     off = (bent.xi[:q] - fit.xi)
     spread = bent.covariance[np.ix_(pair, pair)] - fit.covariance[np.ix_(pair, pair)]
     scale = np.sqrt(np.maximum(np.diag(bent.covariance)[pair], 1e-300))
     value, vector = np.linalg.eigh(spread / np.outer(scale, scale))
     along = vector.T @ (off[pair] / scale)
     chi = float(np.sum(along**2 / np.maximum(value, 1e-3)))
-    if chi < BY_CHANCE:
-        return nothing
-    return np.asarray(np.outer(off, off) * (1.0 - 2.0 / chi))
+    return covariance + np.outer(off, off) * (1.0 - 2.0 / chi) if chi > BY_CHANCE else covariance
