@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..sums import square
-from .estimate import Fit, gauss_newton, information
+from ..sums import combined, square
+from .estimate import Fit, gauss_newton, information, slopes
 from .model import KINEMATIC, Model
 from .score import compare, deviations, left_out
 
@@ -20,6 +20,7 @@ SHARE = 0.05           # of what the full model saves, that it must save
 EVENT = 28.0           # squares that is to save what fewer errors or no blocks vouch for: it may be the best of many
 BESIDE_EVENT = 0.2     # of what the largest saves, that an event beside it must save: less is the rest of its shape
 FREELY = 2.0           # squares that numbers may cost by the information and go at once, untried
+HOLDS = 0.1            # of the squares of a change of the errors, by which slopes may tell it wrong and still be taken
 TRIES = 3              # groups tried in a step, the cheapest first
 EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goes first, as if it cost so much of it
 RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "friction", "k1_slope", "lateral_drift"}
@@ -88,8 +89,8 @@ def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
            if each.name not in inside and j not in notes]
     for shape in m.shapes:
         numbers = tuple(m.index(name) for name in shape.names)
-        out.append(Group(shape.names[0].partition(".")[0], numbers, shape.linear,
-                         is_event=shape.kind.once, is_listed=bool(shape.cause)))
+        out.append(Group(shape.names[0].partition(".")[0], numbers, shape.kind.linear,
+                         is_event=shape.kind.once, is_listed=bool(shape.kind.cause)))
     return out
 
 
@@ -141,10 +142,14 @@ class Search:
         for j in (*band, *gone):
             r[j] = q[j]
         q = np.clip(q, m.low, m.high)
-        free = tuple(j for j in fit.free if j not in gone)
-        if not np.all(np.isfinite(q)) or float((m.white(r)**2).sum()) < float((m.white(q)**2).sum()):
-            q = r
-        return gauss_newton(m, q, free, band, rounds)
+        kept = [i for i, j in enumerate(fit.free) if j not in gone]
+        free = tuple(fit.free[i] for i in kept)
+        e = m.white(q)
+        if not np.all(np.isfinite(q)) or square(m.white(r)) < square(e):
+            return gauss_newton(m, r, free, band, rounds)
+        told = combined(fit.J, (q - fit.p)[list(fit.free)])
+        holds = square(e - fit.e - told) < HOLDS * square(told)
+        return gauss_newton(m, q, free, band, rounds, fit.J[:, kept] if holds else None)
 
     def saves(self, e0: np.ndarray, e1: np.ndarray) -> tuple[float, float]:
         return compare(self.m, e0, e1, self.unit)
@@ -190,6 +195,8 @@ class Search:
         m.white(full.p)
         best = e_end = e_full
         fit, live, best, e_end = self.take_away(fit, live, e_nominal, best, e_end)
+        m.white(fit.p)
+        fit = fit._replace(J=slopes(m, fit.p, fit.free))
         kept, fit, e_end = self.judged(fit, live, e_nominal, best, e_end)
         if not kept:
             fit, e_end = nominal, e_nominal
@@ -312,7 +319,11 @@ class Search:
 
     def with_other(self, rest: Fit, other: Group) -> Fit:
         """The fit with another group in the place of one that is out."""
-        p = rest.p.copy()
+        m, p = self.m, rest.p.copy()
         p[list(other.numbers)] = self.full.p[list(other.numbers)]
-        band = rest.band - set(other.numbers)
-        return gauss_newton(self.m, p, tuple(sorted({*rest.free, *other.numbers})), band, 2)
+        free = tuple(sorted({*rest.free, *other.numbers}))
+        m.white(p)
+        new = slopes(m, p, other.numbers)
+        J = np.column_stack([new[:, other.numbers.index(j)] if j in other.numbers else rest.J[:, rest.at(j)]
+                             for j in free])
+        return gauss_newton(m, p, free, rest.band - set(other.numbers), 2, J)

@@ -98,12 +98,21 @@ def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[floa
     return gain, max(s, white, 1e-9)
 
 
-def deviations(m: Model, fit: Fit, unit: float) -> dict[int, float]:
-    """One sigma of each free number: by the information, and by blocks (sandwich; White 1982), the larger."""
-    if not fit.free:
-        return {}
+def covariance(m: Model, fit: Fit, unit: float) -> np.ndarray:
+    """Return the covariance (free, free) of the free numbers: of each the larger variance, by the information or by
+    the jackknife over blocks, which fewer blocks than numbers do not make too small (CR3: Bell and McCaffrey 2002)."""
     A = information(m, fit)
-    inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
-    G = np.stack([np.bincount(m.block, fit.J[:, i] * fit.e, minlength=BLOCKS) for i in range(len(fit.free))], 1)
-    both = np.maximum(np.diag(inverse) * unit, np.diag(inverse @ (G.T @ G) @ inverse))
-    return dict(zip(fit.free, np.sqrt(both), strict=True))
+    C = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A))) * unit
+    moved = []
+    for block in range(BLOCKS):
+        J = fit.J[m.block == block]
+        rest = A - gram(J)
+        moved.append(np.linalg.solve(rest + 1e-9 * np.diag(np.diag(A)), along(J, fit.e[m.block == block])))
+    jackknife = (BLOCKS - 1.0) / BLOCKS * (np.array(moved)**2).sum(axis=0)
+    wider = np.sqrt(np.maximum(jackknife / np.diag(C), 1.0))
+    return C * np.outer(wider, wider)
+
+
+def deviations(m: Model, fit: Fit, unit: float) -> dict[int, float]:
+    """One sigma of each free number."""
+    return dict(zip(fit.free, np.sqrt(np.diag(covariance(m, fit, unit))), strict=True))

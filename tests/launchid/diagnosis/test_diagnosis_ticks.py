@@ -11,7 +11,7 @@ import pytest
 from test_diagnosis import LONG, WHOLE, log_of
 from test_diagnosis_slow import by_another_generator
 
-from launchid.diagnosis.adapter import Follower
+from launchid.diagnosis.adapter import follow
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.ticks import Ticks, carried, issued_at, lined, over_grid, ticks_of
 from launchid.diagnosis.verdict import diagnose
@@ -171,7 +171,7 @@ def test_steps_of_the_reference_that_no_row_sees_are_no_fault(period, drop):
 @pytest.mark.parametrize("bias", ["", "gyro_bias:rate=0.02"])
 def test_the_predicted_attitude_is_the_measured_one_on_average_whatever_the_gyro(bias):
     r = recorded((0.025, 0.0), effect=bias)
-    seen = Follower().seen(r)
+    seen = follow(r)
     off = r.z[:, 0] - np.interp(r.at, r.tick * np.arange(len(seen.attitude)), seen.attitude)
     assert abs(np.nanmean(off)) < 0.2 * NOMINAL.sensors.theta_std
 

@@ -10,7 +10,7 @@ from launchid.diagnosis.data.used import RESOLVED, SLOWEST, cut, shortened, slow
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED, Log
 from sim.flight import fly_whole
-from sim.nominal import built_in, load_nominal
+from sim.nominal import built_in, constant_profile, load_nominal
 
 
 def logged(period, duration=6.0, drop=()):
@@ -61,7 +61,8 @@ def test_a_fast_vehicle_s_own_oscillation_stays_resolved():
     swinging = dataclasses.replace(nominal, terms=(("sin(theta)", float(fast[0])), ("theta_dot", -1e9)))
     assert slowest(swinging, np.zeros(1)) == slowest(nominal, -fast) == slowest(nominal, fast)
     assert slowest(nominal, np.zeros(1)) == slowest(nominal, np.array([-68.0, 4.0])) == SLOWEST
-    r = dataclasses.replace(as_record(0.002), a6=np.full_like(as_record(0.002).a6, -1e4))   # 1.5 rows of 2 ms
+    r = as_record(0.002)
+    r = dataclasses.replace(r, nominal=dataclasses.replace(r.nominal, vehicle=constant_profile(-1e4, 1.0)))   # 1.5 rows
     made, said = used(r, r.t, most=1000)
     assert said.every == 1 and made.rows == 1000 and shortened(r, most=1000).rows == 1000
 
