@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..sums import along, combined, square
+from ..sums import along, combined
 from .candidates import KINDS, LINES, Kind, lines_in
 from .estimate import Fit, gram, information
 from .model import Model
@@ -30,35 +30,33 @@ class Found(NamedTuple):
 
 
 class Scanner:
-    """The innovations of a fit, and the projection that takes off what its free numbers can make."""
+    """The innovations of a fit, and the projection that takes off what its free numbers can make: y - J A^-1 J' y."""
 
     def __init__(self, m: Model, fit: Fit) -> None:
-        self.m, self.fit = m, fit
-        self.e = m.white(fit.p)
+        self.m = m
+        e = m.white(fit.p)
         m.settle()
-        self.J = fit.J
-        A = information(m, fit) if fit.free else np.zeros((0, 0))
-        self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A))) if fit.free else A
+        self.J = np.ascontiguousarray(fit.J.T)
+        A = information(m, fit)
+        self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+        self.twice = self.inverse @ (gram(fit.J) @ self.inverse) - 2.0 * self.inverse
+        self.e = e - combined(fit.J, self.inverse @ along(fit.J, e))
 
-    def off(self, y: np.ndarray) -> np.ndarray:
-        """What the free numbers cannot make of a column."""
-        return y - combined(self.J, self.inverse @ along(self.J, y)) if self.fit.free else y
-
-    def columns(self, kind: Kind, values: tuple[float, ...]) -> list[np.ndarray]:
-        """The responses (r,) of unit amplitudes."""
-        m, out = self.m, []
+    def columns(self, kind: Kind, values: tuple[float, ...]) -> np.ndarray:
+        """The responses (columns, r) of unit amplitudes."""
+        m = self.m
         none, still = np.zeros(m.n), np.zeros((m.n, 3))
-        for force, command, shift in kind.make(m, *values):
-            out.append(m.respond(none if force is None else force, none if command is None else command,
-                                 still if shift is None else shift))
-        return out
+        return np.array([m.respond(none if force is None else force, none if command is None else command,
+                                   still if shift is None else shift)
+                         for force, command, shift in kind.make(m, *values)])
 
     def tried(self, kind: Kind, values: tuple[float, ...]) -> Found:
-        raw = self.columns(kind, values)
-        Y = np.column_stack([self.off(y) for y in raw])
-        size = np.array([square(y) for y in raw])
-        G, b = gram(Y), -along(Y, self.e)
-        if np.any(np.diag(G) < LOW_OVERLAP * size) or not np.all(np.isfinite(G)):
+        """What a kind saves at these nonlinear values."""
+        Y = self.columns(kind, values)
+        V = np.einsum("kn,cn->ck", self.J, Y)
+        size = np.einsum("cn,dn->cd", Y, Y)
+        G, b = size + V @ self.twice @ V.T, -np.einsum("cn,n->c", Y, self.e)
+        if not np.all(np.isfinite(G)) or np.any(np.diag(G) < LOW_OVERLAP * np.diag(size)):
             return Found(kind, values, np.zeros(len(b)), 0.0)
         G[np.diag_indices_from(G)] *= 1.0 + 1e-9
         sizes = np.linalg.solve(G + 1e-300 * np.eye(len(b)), b)
@@ -71,7 +69,7 @@ class Scanner:
             return None
         starts = kind.starts(m)
         if kind.name in LINES:
-            starts = [x for ch in (1, 0) if np.any(m.channel == ch) for x in lines_in(m, self.off(self.e), ch)]
+            starts = [x for ch in (1, 0) if np.any(m.channel == ch) for x in lines_in(m, self.e, ch)]
         found = [self.tried(kind, values) for values in starts]
         best = max(found, key=lambda each: each.saves, default=None)
         if best is None or not starts[0]:

@@ -358,9 +358,11 @@ def other_shape(m: Model, el: Elimination, k: Kept) -> str:
 
     An attitude that drifts parts the columns as a gyro's bias does, and only the moment of the drift that the vehicle
     feels, which a slow disturbance may be too, tells the two apart.  A tone is none where it saves a good part more
-    with an amplitude and a phase that change along the log.
+    with an amplitude and a phase that change along the log; and a disturbance that weather leaves is neither.
     """
     name = k.group.name.partition("#")[0]
+    if m.weather and name != k.group.name and place_of(m, k.group.name) == "environment":
+        return f"what {m.weather} leaves of the disturbance is like a {name}: it is neither"
     if name == "periodic_disturbance":
         tone = [el.final.at(j) for j in k.group.numbers[:k.group.linear]]
         is_other = creeping(m, el.final, tone, hats(m, 8)[m.rows, 1:])[0] > ODD * k.gain
@@ -382,14 +384,15 @@ def other_shape(m: Model, el: Elimination, k: Kept) -> str:
 def is_rest(m: Model, el: Elimination, k: Kept, largest: Kept) -> bool:
     """Whether a number is what the largest cause leaves by not being the same along the log: where that changes with
     time and its square the number is not needed."""
-    if k is largest or k.group.is_event or largest.group.is_event or k.group.linear > 1:
+    if k is largest or k.group.is_event or largest.group.is_event:
         return False
     tau = np.linspace(-1.0, 1.0, m.n)[m.rows]
     column = [el.final.at(j) for j in largest.group.numbers[:largest.group.linear]]
     _, d, C = creeping(m, el.final, column, np.column_stack([tau, tau**2]))
-    i = el.final.at(k.group.numbers[0])
-    off = el.final.p[k.group.numbers[0]] + d[i] - m.null[k.group.numbers[0]]
-    return off * off < LEAST * C[i, i]
+    numbers = list(k.group.numbers[:k.group.linear])
+    at = [el.final.at(j) for j in numbers]
+    off = el.final.p[numbers] + d[at] - m.null[numbers]
+    return float(off @ np.linalg.solve(C[np.ix_(at, at)], off)) < LEAST * len(at)
 
 
 def creeping(m: Model, fit: Fit, columns: list[int], by: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -477,17 +480,17 @@ def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | N
     estimated; commands between rows that a found controller made tell nothing of the servo; and what another cause
     leaves by not being the same along the log is that cause's.
     """
-    j = k.group.numbers[0]
+    j, name = k.group.numbers[0], k.group.name.partition("#")[0]
     number, value = m.numbers[j], el.final.p[j]
     if number.parameter == "scale" and not value > 0.0:
-        return f"{number.name} has the opposite sign: a convention, or a wrong nominal"
+        return f"{name} has the opposite sign: a convention, or a wrong nominal"
     if number.name == k.group.name and (value <= m.low[j] + 1e-9 or value >= m.high[j] - 1e-9):
-        return f"{number.name} would be {value:.3g}, the end of its range, or beyond: something else is wrong"
+        return f"{name} would be {value:.3g}, the end of its range, or beyond: something else is wrong"
     if controller is not None and controller.is_named and m.unsure > 0.0 and place_of(m, k.group.name) == "actuator":
-        return f"{number.name}: the commands between the rows are another controller's, and tell nothing of the servo"
+        return f"{name}: the commands between the rows are another controller's, and tell nothing of the servo"
     largest = max(el.kept, key=lambda each: each.gain)
     if is_rest(m, el, k, largest):
-        return f"{number.name} may be what {largest.group.name} leaves by not being the same along the log"
+        return f"{name} may be what {largest.group.name.partition('#')[0]} leaves by not being the same along the log"
     return ""
 
 
