@@ -11,21 +11,18 @@ from sim.nominal import Nominal
 from ..log.detect import DataCheck, check
 from ..log.log import Log
 from ..log.turns import unwrapped
-from ..sums import least_squares
 from . import filter as ekf
 from .controller.check import ControllerCheck
 from .controller.command import record
 from .controller.gaps import Seen
 from .controller.issued import with_commands
-from .data.record import THETA, Record
+from .data.record import Record
 from .data.used import Used, shortened, sparser, used
 
 MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
 FEWEST_ROWS = 40       # without which nothing is fitted: twice as many as there are unknown numbers
 FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 ALERT = 30.0           # times the declared acceleration noise, between rows: the plant may be wrong, follow the sensors
-SLOW_PARTS = 2         # powers of time in what a biased gyro takes the attitude off
-FEWEST_TOLD = 20       # rows that tell them
 LONGEST_STEP = 0.0067   # s of the filter between two rows: a tenth of a servo's time
 
 
@@ -97,6 +94,7 @@ def follow(record: Record) -> Seen | None:
     """The attitude at every tick of a log slower than its controller, and the innovations, as the nominal follows it;
     None: it does not stay with the log."""
     from .candidates import usual
+    from .estimate import gauss_newton
     from .model import Model
     parts = record.every // record.tick
     rows = record.rows * parts
@@ -107,25 +105,12 @@ def follow(record: Record) -> Seen | None:
     m = Model(track_of(replace(record, z=z, at=at, every=record.tick, reference=np.full(rows, math.nan))))
     m.with_numbers(usual(m), [])
     m.levels[ekf.QA] += math.log(ALERT)
-    m.run(m.null)
+    bias = (m.index("gyro_bias"),) if "gyro_bias" in m.names else ()   # it takes the attitude off what is measured
+    m.run(gauss_newton(m, m.null, bias, rounds=10).p)
     attitude = m.X[:, 0].copy()
     if not np.all(np.abs(attitude) < record.farthest):
         return None
-    return _as_measured(record, Seen(attitude, np.where(np.isfinite(z), m.E, math.nan)[place]))
-
-
-def _as_measured(record: Record, seen: Seen) -> Seen:
-    """The predictions with the attitude that the controller measured, where a gyro's bias takes the predicted one off
-    it: less the slow part of what it differs by at the rows."""
-    measured = np.isfinite(record.z[:, THETA])
-    if np.count_nonzero(measured) < FEWEST_TOLD:
-        return seen
-    ticks = record.tick * np.arange(len(seen.attitude), dtype=np.float64)
-    at = record.at[measured].astype(np.float64)
-    middle, half = ticks.mean(), 0.5 * max(float(np.ptp(ticks)), 1.0)
-    off = record.z[measured, THETA] - np.interp(at, ticks, seen.attitude)
-    slow = least_squares(np.vander((at - middle) / half, SLOW_PARTS + 1), off)
-    return seen._replace(attitude=seen.attitude + np.polyval(slow, (ticks - middle) / half))
+    return Seen(attitude, np.where(np.isfinite(z), m.E, math.nan)[place])
 
 
 def track_of(r: Record) -> Track:

@@ -323,11 +323,6 @@ def _chirps(m: Model) -> list[tuple[float, ...]]:
     return [(w, k) for w in np.linspace(2.0, 9.0, 12) for k in np.linspace(0.3, 1.8, 6) * 2.0 * w / span]
 
 
-def _shares(x: np.ndarray, shares: tuple[float, ...]) -> list[tuple[float, ...]]:
-    """Quantiles of x, those above 0."""
-    return [(float(each),) for each in np.quantile(x, shares) if each > 0.0]
-
-
 # ---- which logs can have them
 
 
@@ -400,8 +395,8 @@ KINDS = (
          lambda m: [(float(x * np.max(np.abs(m.motion[:, 1]))),) for x in (0.5, 0.65, 0.8, 0.9, 0.96)],
          bounds=((1e-3, 1e-6, 1e3),), place="sensor"),
     Kind("gyro_dead_zone", "", ("size", "at"), 1, lambda m, at: _shift(m, 1, -np.clip(m.motion[:, 1] / at, -1.0, 1.0)),
-         _both, lambda m: _shares(np.abs(m.motion[:, 1]), (0.1, 0.2, 0.35, 0.5, 0.7)), lambda m: m.scales.omega,
-         ((1e-4, 1e-7, 1e3),), "sensor"),
+         _both, lambda m: [(float(x) + 1e-6,) for x in np.quantile(np.abs(m.motion[:, 1]), (0.1, 0.2, 0.35, 0.5, 0.7))],
+         lambda m: m.scales.omega, ((1e-4, 1e-7, 1e3),), "sensor"),
     Kind("gyro_flip", "", ("size", "time", "duration"), 1, lambda m, time, duration: _shift(
              m, 1, m.motion[:, 1] * ((m.t[:-1] >= time) & (m.t[:-1] < time + duration))), _both, _windows,
          lambda m: 2.0, (ANYWHEN, LASTING), "sensor", once=True),

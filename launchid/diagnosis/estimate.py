@@ -76,6 +76,12 @@ def information(m: Model, fit: Fit) -> np.ndarray:
     return gram(fit.J) + np.diag(prior**-2.0)
 
 
+def inverse(m: Model, fit: Fit) -> np.ndarray:
+    """The inverse of the information: the posterior's covariance."""
+    A = information(m, fit)
+    return np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+
+
 def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset[int] = frozenset(),
                  rounds: int = 3, J: np.ndarray | None = None) -> Fit:
     """Minimise squares and priors over `free`, numbers held at a bound that they press against (Bertsekas 1982), in so

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..sums import along, combined
 from .candidates import KINDS, LINES, Kind, lines_in
-from .estimate import Fit, gram, information
+from .estimate import Fit, gram, inverse
 from .model import Model
 
 ENOUGH = 25.0          # squares that a shape must promise: chance gives the best of 400 places 12
@@ -37,10 +37,9 @@ class Scanner:
         e = m.white(fit.p)
         m.settle()
         self.J = np.ascontiguousarray(fit.J.T)
-        A = information(m, fit)
-        self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
-        self.twice = self.inverse @ (gram(fit.J) @ self.inverse) - 2.0 * self.inverse
-        self.e = e - combined(fit.J, self.inverse @ along(fit.J, e))
+        C = inverse(m, fit)
+        self.twice = C @ (gram(fit.J) @ C) - 2.0 * C
+        self.e = e - combined(fit.J, C @ along(fit.J, e))
 
     def columns(self, kind: Kind, values: tuple[float, ...]) -> np.ndarray:
         """The responses (columns, r) of unit amplitudes."""
@@ -62,7 +61,7 @@ class Scanner:
         sizes = np.linalg.solve(G + 1e-300 * np.eye(len(b)), b)
         return Found(kind, values, sizes, float(b @ sizes) - EACH * (len(b) + len(values) - 1))
 
-    def best(self, kind: Kind) -> Found | None:  # noqa: PLR0912 - a search around the best, by kind of number
+    def best(self, kind: Kind) -> Found | None:
         """The place where a kind promises most."""
         m = self.m
         if not kind.when(m) or not (kind.cause or m.is_flown):
@@ -74,26 +73,16 @@ class Scanner:
         best = max(found, key=lambda each: each.saves, default=None)
         if best is None or not starts[0]:
             return best
+        span, n = float(m.t[-1] - m.t[0]), kind.linear
+        reach = {"time": 0.01 * span, "frequency": 2.0 / span} if n > 1 else {"time": 0.01 * span}
+        shares = {"frequency": 0.12, "damping_ratio": 0.5}
         for scale in (0.5, 0.2, 0.08):       # of the distance to its neighbours
-            for i, value in enumerate(best.values):
-                if kind.parameters[kind.linear + i] == "damping_ratio":
-                    around = [best.values[i] * x for x in (0.5, 0.8, 1.25, 2.0)]
-                elif kind.parameters[kind.linear + i] == "frequency":
-                    width = 2.0 / (m.t[-1] - m.t[0]) if kind.linear > 1 else 0.12 * value
-                    around = [value + x * scale * width for x in (-2.0, -1.0, 1.0, 2.0)]
-                elif kind.parameters[kind.linear + i] == "duration":
-                    around = [value * (1.0 + x * scale) for x in (-0.6, 0.6)]
-                elif kind.parameters[kind.linear + i] == "time":
-                    around = [value + x * scale * 0.02 * (m.t[-1] - m.t[0]) for x in (-1.0, 1.0)]
-                else:
-                    around = [value * (1.0 + 0.3 * x * scale) for x in (-1.0, 1.0)]
-                low, high = kind.bounds[i][1:]
-                for x in around:
+            for i, (name, (_, low, high)) in enumerate(zip(kind.parameters[n:], kind.bounds, strict=True)):
+                away = scale * reach.get(name, shares.get(name, 0.3) * best.values[i])
+                for x in [best.values[i] + part * away for part in (-2.0, -1.0, 1.0, 2.0)]:
                     if low < x < high:
-                        values = (*best.values[:i], float(x), *best.values[i + 1:])
-                        again = self.tried(kind, values)
-                        if again.saves > best.saves:
-                            best = again
+                        again = self.tried(kind, (*best.values[:i], float(x), *best.values[i + 1:]))
+                        best = again if again.saves > best.saves else best
         return best
 
 

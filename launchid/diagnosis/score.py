@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..sums import along, combined, square
-from .estimate import Fit, at_bound, gram, information, limits
+from .estimate import Fit, at_bound, gram, information, inverse, limits
 from .model import BLOCKS, FOLDS, Model
 
 FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
@@ -101,8 +101,7 @@ def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[floa
 def covariance(m: Model, fit: Fit, unit: float) -> np.ndarray:
     """Return the covariance (free, free) of the free numbers: of each the larger variance, by the information or by
     the jackknife over blocks, which fewer blocks than numbers do not make too small (CR3: Bell and McCaffrey 2002)."""
-    A = information(m, fit)
-    C = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A))) * unit
+    A, C = information(m, fit), inverse(m, fit) * unit
     moved = []
     for block in range(BLOCKS):
         J = fit.J[m.block == block]

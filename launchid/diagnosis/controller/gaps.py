@@ -24,7 +24,7 @@ from sim.flight import excitation, packed
 
 from ...controller_replay import KI, NEAR_LIMIT, constants_of, lowest, rms
 from ...sums import combined, least_squares, products
-from ..data.record import THETA, Record
+from ..data.record import THETA, THETA_DOT, Record
 from .check import FEWEST, NONE, ROUNDING, UNKNOWN, ControllerCheck
 from .command import in_doubt
 from .ticks import command_noise, noise_std
@@ -239,7 +239,7 @@ def _surprises(seen: Seen) -> np.ndarray:
 def check_gaps(record: Record, seen: Seen) -> ControllerCheck | None:
     """The check of a slow log; None where it is not possible: without a rate the predicted errors are too poor."""
     own, ticks = on_board(record), record.every // record.tick
-    if "theta_dot" not in record.channels or not follows(own, ticks) or own.kp == 0.0 or own.tau == 0.0:
+    if not np.isfinite(record.z[:, THETA_DOT]).any() or not follows(own, ticks) or own.kp == 0.0 or own.tau == 0.0:
         return None
     tries = [gaps for gaps in (Gaps(record, seen, late) for late in range(LATEST + 1)) if gaps.fair.sum() >= FEWEST]
     if not tries or tries[0].late > 0:

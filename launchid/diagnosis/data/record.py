@@ -38,7 +38,6 @@ DIRECT_DAMPING = 0.7
 JITTER = 0.01            # of a period, rms: less is a uniform log
 JITTER_STEPS = 24        # steps of a jittered row: a stamp is met to a forty-eighth of a period
 JITTER_TICKS = 4         # commands of one: an input is placed to an eighth of a period
-FEWEST_CHANGES = 20      # of the command, that tell whether rows and controller have one clock
 LONG_STEP = 1.75         # median periods: longer steps are gaps (`stamps.GAP`) and say nothing about the period
 
 
@@ -117,11 +116,6 @@ class Record:
         return (self.first_step + 0.5 * self.every * (self.rows - 1)) * self.step
 
     @property
-    def channels(self) -> tuple[str, ...]:
-        """The measured channels."""
-        return tuple(name for k, name in enumerate(CHANNELS) if np.isfinite(self.z[:, k]).any())
-
-    @property
     def command_is_known(self) -> bool:
         """False when the measured nozzle angle stands in for it: nothing about the actuator can be told then."""
         return self.input != "beta"
@@ -158,7 +152,9 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     if (even := even_grid(t)) is not None:   # stamps that were rounded
         t = even[0]
     period = _period(t, nominal)
-    index, off = _places(t, _period_of_rows(t, log.beta_cmd[usable], period, nominal))
+    place = (t - t[0]) / period
+    index = np.round(place).astype(np.int64)
+    off = place - index
     first = np.concatenate([[True], np.diff(index) > 0])  # two stamps on one place of the grid: the earlier counts
     n = int(index[-1]) + 1
     if n > MOST_ROWS:
@@ -189,26 +185,6 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
                    fine=fine, path=path[:, np.isfinite(path[1])],
                    law=law, rate_reference=column("rate_ref"))
     return draft, command
-
-
-def _places(t: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """(row of the grid (n,) int64, how far after it [periods]) of stamps t (n,)."""
-    place = (t - t[0]) / period
-    index = np.round(place).astype(np.int64)
-    return index, place - index
-
-
-def _period_of_rows(t: np.ndarray, command: np.ndarray, period: float, nominal: Nominal) -> float:
-    """The period [s] by which stamps t (n,) [s] are placed on the grid.  It is `period`, or their own, where they are a
-    little longer or shorter and the commands (n,) [rad] change after every so many rows all along: rows and controller
-    have one clock, and it is not the one that the nominal believes."""
-    steps, rows = np.diff(t), nominal.controller.period / period if nominal.controller is not None else 1.0
-    changes = np.flatnonzero(np.diff(command) != 0.0)
-    held = round(rows)
-    if held < 2 or len(changes) < FEWEST_CHANGES or np.any(np.abs(steps / period - 1.0) > JITTER):
-        return period
-    at_one = np.bincount(changes % held, minlength=held).max()
-    return float(np.mean(steps)) if at_one == len(changes) else period
 
 
 def _steps(period: float, nominal: Nominal, jittered: bool) -> tuple[float, int, int, int]:
