@@ -212,7 +212,7 @@ def _tau(m: Model) -> np.ndarray:
     return np.linspace(-1.0, 1.0, m.n)
 
 
-def hats(m: Model, count: int) -> np.ndarray:
+def _hats(m: Model, count: int) -> np.ndarray:
     """(n, count) lines from 1 at one of so many times along the log to 0 at its neighbours."""
     nodes = np.linspace(-1.0, 1.0, count)
     return np.clip(1.0 - np.abs(_tau(m)[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
@@ -262,7 +262,7 @@ def _limited(m: Model, play: float, rate: float) -> list[Column]:
 
 def _beat(m: Model, frequency: float) -> list[Column]:
     """A tone whose amplitude and phase change over a seventh of the log."""
-    return [column for hat in hats(m, 8).T for column in _tone(m, hat, frequency * _middles(m))]
+    return [column for hat in _hats(m, 8).T for column in _tone(m, hat, frequency * _middles(m))]
 
 
 # ---- where they are looked for
@@ -413,7 +413,7 @@ KINDS = (
     Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, _beat, _is_long, lambda m: [], _acceleration,
          ((1e-3, 0.05, 300.0),), "environment"),
     Kind("a6_drift", "", ("size",), 1, lambda m: [Column(m.a6 * m.motion[:, 0] * _tau(m))], _unstable),
-    Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, lambda m: [Column(x) for x in hats(m, 10)[:, 1:].T],
+    Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, lambda m: [Column(x) for x in _hats(m, 10)[:, 1:].T],
          prior=_acceleration, place="environment"),
 )
 LINES = ("periodic_disturbance", "beat")   # whose frequencies the periodogram proposes

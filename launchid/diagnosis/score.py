@@ -11,6 +11,11 @@ from .model import BLOCKS, FOLDS, Model
 FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
 
 
+def _once(m: Model) -> set[int]:
+    """Numbers of what happens once."""
+    return {m.index(name) for shape in m.shapes if shape.kind.once for name in shape.names}
+
+
 def left_out(m: Model, fit: Fit) -> np.ndarray:
     """Errors (r,) of the rows of each fold under the numbers fitted to the other folds (Stone 1974; blocks: Burman et
     al. 1994).  The last filter's gains hold, which must be the fit's."""
@@ -30,8 +35,7 @@ def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
     be left out and stays as fitted: its gain must be the larger.
     """
     stuck = set(at_bound(m, fit))
-    events = {m.index(name) for shape in m.shapes if shape.kind.once for name in shape.names}
-    keep = [i for i in range(len(fit.free)) if i not in stuck and fit.free[i] not in events]
+    keep = [i for i in range(len(fit.free)) if i not in stuck and fit.free[i] not in _once(m)]
     if not keep:
         return fit.e.copy(), [fit.p] * FOLDS
     F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, m.white(fit.p, frozen=True)
@@ -100,16 +104,20 @@ def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[floa
 
 def covariance(m: Model, fit: Fit, unit: float) -> np.ndarray:
     """Return the covariance (free, free) of the free numbers: of each the larger variance, by the information or by
-    the jackknife over blocks, which fewer blocks than numbers do not make too small (CR3: Bell and McCaffrey 2002)."""
-    A, C = information(m, fit), inverse(m, fit) * unit
-    moved = []
+    blocks.  The jackknife over blocks is not too small where there are few of them (CR3: Bell and McCaffrey 2002); what
+    happens once has the sandwich (White 1982), for no other block tells it."""
+    A, C = information(m, fit), inverse(m, fit)
+    keep = [i for i, j in enumerate(fit.free) if j not in _once(m)]
+    G, moved = np.zeros((BLOCKS, len(fit.free))), np.zeros((BLOCKS, len(keep)))
     for block in range(BLOCKS):
         J = fit.J[m.block == block]
-        rest = A - gram(J)
-        moved.append(np.linalg.solve(rest + 1e-9 * np.diag(np.diag(A)), along(J, fit.e[m.block == block])))
-    jackknife = (BLOCKS - 1.0) / BLOCKS * (np.array(moved)**2).sum(axis=0)
-    wider = np.sqrt(np.maximum(jackknife / np.diag(C), 1.0))
-    return C * np.outer(wider, wider)
+        G[block] = along(J, fit.e[m.block == block])
+        rest = A - gram(J) + 1e-9 * np.diag(np.diag(A))
+        moved[block] = np.linalg.solve(rest[np.ix_(keep, keep)], G[block, keep])
+    robust = np.square(G @ C).sum(axis=0)
+    robust[keep] = (BLOCKS - 1.0) / BLOCKS * np.square(moved).sum(axis=0)
+    wider = np.sqrt(np.maximum(robust / (np.diag(C) * unit), 1.0))
+    return unit * C * np.outer(wider, wider)
 
 
 def deviations(m: Model, fit: Fit, unit: float) -> dict[int, float]:

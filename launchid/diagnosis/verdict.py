@@ -16,13 +16,13 @@ from ..log.log import Log, flown_log
 from ..log.vehicle import plant_faults
 from ..sums import along, square
 from .adapter import FEWEST_ROWS, Reading, read
-from .candidates import KINDS, hats, usual
+from .candidates import KINDS, SIGMAS, usual
 from .controller.check import ControllerCheck
 from .elimination import ALIKE_Z, LEAST, Elimination, Kept, Search
-from .estimate import Fit, fit_levels, gauss_newton, gram, information
+from .estimate import Fit, fit_levels, gauss_newton, gram
 from .gain import Gain, held_out
 from .model import BLOCKS, KINEMATIC, WEATHER, Model, Number, Stopped
-from .scan import EACH, NEAR, Found, scan, with_shape
+from .scan import NEAR, Found, scan, with_shape
 from .score import compare, covariance, left_out
 
 LIMITS = ("actuator_rate_limit", "actuator_backlash")
@@ -357,16 +357,11 @@ def other_shape(m: Model, el: Elimination, k: Kept) -> str:
     """The shape in no list that a kept number may be as well, in words; "": none.
 
     An attitude that drifts parts the columns as a gyro's bias does, and only the moment of the drift that the vehicle
-    feels, which a slow disturbance may be too, tells the two apart.  A tone is none where it saves a good part more
-    with an amplitude and a phase that change along the log; and a disturbance that weather leaves is neither.
+    feels, which a slow disturbance may be too, tells the two apart.  A disturbance that weather leaves is neither.
     """
     name = k.group.name.partition("#")[0]
     if m.weather and name != k.group.name and place_of(m, k.group.name) == "environment":
         return f"what {m.weather} leaves of the disturbance is like a {name}: it is neither"
-    if name == "periodic_disturbance":
-        tone = [el.final.at(j) for j in k.group.numbers[:k.group.linear]]
-        is_other = creeping(m, el.final, tone, hats(m, 8)[m.rows, 1:])[0] > ODD * k.gain
-        return "a tone that comes and goes explains more than one that stays" if is_other else ""
     if name != "gyro_bias" or not m.is_flown:
         return ""
     table, bias = (m.numbers, m.shapes), m.index("gyro_bias")
@@ -383,29 +378,19 @@ def other_shape(m: Model, el: Elimination, k: Kept) -> str:
 
 def is_rest(m: Model, el: Elimination, k: Kept, largest: Kept) -> bool:
     """Whether a number is what the largest cause leaves by not being the same along the log: where that changes with
-    time and its square the number is not needed."""
+    time and its square, by as much as itself, the number is not needed."""
     if k is largest or k.group.is_event or largest.group.is_event:
         return False
-    tau = np.linspace(-1.0, 1.0, m.n)[m.rows]
-    column = [el.final.at(j) for j in largest.group.numbers[:largest.group.linear]]
-    _, d, C = creeping(m, el.final, column, np.column_stack([tau, tau**2]))
-    numbers = list(k.group.numbers[:k.group.linear])
-    at = [el.final.at(j) for j in numbers]
-    off = el.final.p[numbers] + d[at] - m.null[numbers]
-    return float(off @ np.linalg.solve(C[np.ix_(at, at)], off)) < LEAST * len(at)
-
-
-def creeping(m: Model, fit: Fit, columns: list[int], by: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Squares that free numbers save whose columns of the fit's slopes vary along the rows as by (r, parts), less what
-    chance gives; how far all numbers then move, and their covariance."""
-    J = np.column_stack([fit.J, *(fit.J[:, [i]] * by for i in columns)])
-    p = fit.p[list(fit.free)]
-    sizes = [abs(p[i] - m.null[fit.free[i]]) for i in columns for _ in range(by.shape[1])]
-    prior = np.concatenate([np.diag(information(m, fit) - gram(fit.J)), np.array(sizes)**-2.0])
+    fit, of = el.final, largest.group.numbers[:largest.group.linear]
+    off, tau = (fit.p - m.null)[list(fit.free)], np.linspace(-1.0, 1.0, m.n)[m.rows]
+    J = np.column_stack([fit.J, *(fit.J[:, fit.at(j)] * by for j in of for by in (tau, tau**2))])
+    sizes = [abs(fit.p[j] - m.null[j]) + 1e-12 for j in of for _ in range(2)]
+    prior = np.concatenate([m.prior[list(fit.free)], sizes])**-2.0
     C = np.linalg.inv(gram(J) + np.diag(prior))
-    g = -along(J, fit.e) - prior * np.append(p - m.null[list(fit.free)], np.zeros(len(sizes)))
-    d = C @ g
-    return float(d @ g) - EACH * len(sizes), d, C
+    moved = -C @ (along(J, fit.e) + prior * np.append(off, np.zeros(len(sizes))))
+    at = [fit.at(j) for j in k.group.numbers[:k.group.linear]]
+    left = off[at] + moved[at]
+    return float(left @ np.linalg.solve(C[np.ix_(at, at)], left)) < LEAST * len(at)
 
 
 def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
@@ -520,8 +505,9 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
     cause = cause_of(m, k.group.name)
     values: dict[str, tuple[Any, float | None]] = {}
     for j in k.group.numbers:
-        number = m.numbers[j]
-        values[number.parameter] = (beside(m, number, float(el.final.p[j])), k.std.get(j))
+        number, value, std = m.numbers[j], float(el.final.p[j]), k.std.get(j)
+        part = number.tol / SIGMAS * (abs(value) if number.parameter == "scale" else 1.0)   # that is nobody's fault
+        values[number.parameter] = (beside(m, number, value), None if std is None else math.hypot(std, part))
     if cause == "missing_term":
         number = m.numbers[k.group.numbers[0]]
         value = float(el.final.p[k.group.numbers[0]]) - number.null

@@ -13,7 +13,7 @@ from test_diagnosis_slow import by_another_generator
 
 from launchid.diagnosis.adapter import follow
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.controller.ticks import Ticks, carried, issued_at, lined, over_grid, ticks_of
+from launchid.diagnosis.controller.ticks import ticks_of
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
@@ -206,36 +206,6 @@ def test_undeclared_turbulence_about_a_trim_is_no_loss_of_control():
     windy = fly_whole(calm, 5, period=TICK, effects=[from_text("turbulence:level=0.015,time_constant=1")])
     made = diagnose(log_of(windy, ("theta_ref", "beta_cmd", "theta_dot")), calm)
     assert not {cause.cause for cause in made.named} - {"turbulence", "wind_walk"}
-
-
-def test_a_row_sees_the_command_of_the_tick_before_it():
-    ticks = Ticks(-1.0, 4.0, 0.0)
-    assert list(ticks.of(np.array([-1.0, 2.999, 3.0, 6.9, 7.0, 7.1]))) == [0, 0, 1, 1, 2, 2]
-
-
-def test_commands_over_the_grid_keep_their_impulse():
-    r = recorded((0.025, 0.0))
-    own = logged((0.025, 0.0)).beta_cmd
-    ticks = ticks_of(r, own)
-    commands = np.random.default_rng(2).standard_normal(len(issued_at(ticks, r, own)))
-    end = r.rows * r.every
-    edges = np.clip(ticks.phase + ticks.period * np.arange(len(commands) + 1), 0.0, end)
-    assert np.sum(over_grid(ticks, r, commands)) * r.tick == pytest.approx(np.diff(edges) @ commands)
-    assert np.ptp(over_grid(ticks, r, np.full(len(commands), 0.1))) < 1e-12
-
-
-def test_lines_carry_what_rows_share_and_no_noise_of_a_row():
-    """A ramp is carried as it is; of white noise a mean over its neighbours, and the lines are off by it all."""
-    ramp, noise = 0.01 * np.arange(4000.0), np.random.default_rng(2).standard_normal(4000)
-    line, off, _ = carried(ramp)
-    assert np.allclose(line[10:-10], ramp[10:-10], rtol=0.0, atol=1e-6) and np.max(np.abs(off[10:-10])) < 1e-6
-    line, off, jumps = carried(noise)
-    assert np.std(off) == pytest.approx(1.0, abs=0.05) and np.std(line) < 0.2 and not jumps.any()
-
-
-def test_what_is_logged_stays_and_what_is_not_lies_on_lines():
-    commands = np.array([np.nan, 1.0, np.nan, 3.0, np.nan])
-    assert list(lined(commands)) == [1.0, 1.0, 2.0, 3.0, 3.0]
 
 
 @pytest.mark.campaign
