@@ -11,12 +11,13 @@ from sim.nominal import Nominal
 from ..log.detect import DataCheck, check
 from ..log.log import Log
 from ..log.turns import unwrapped
+from ..sums import combined, least_squares
 from . import filter as ekf
 from .controller.check import ControllerCheck
 from .controller.command import record
 from .controller.gaps import Seen
 from .controller.issued import with_commands
-from .data.record import Record
+from .data.record import THETA, Record
 from .data.used import Used, shortened, sparser, used
 
 MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
@@ -94,7 +95,6 @@ def follow(record: Record) -> Seen | None:
     """The attitude at every tick of a log slower than its controller, and the innovations, as the nominal follows it;
     None: it does not stay with the log."""
     from .candidates import usual
-    from .estimate import gauss_newton
     from .model import Model
     parts = record.every // record.tick
     rows = record.rows * parts
@@ -105,11 +105,14 @@ def follow(record: Record) -> Seen | None:
     m = Model(track_of(replace(record, z=z, at=at, every=record.tick, reference=np.full(rows, math.nan))))
     m.with_numbers(usual(m), [])
     m.levels[ekf.QA] += math.log(ALERT)
-    bias = (m.index("gyro_bias"),) if "gyro_bias" in m.names else ()   # it takes the attitude off what is measured
-    m.run(gauss_newton(m, m.null, bias, rounds=10).p)
-    attitude = m.X[:, 0].copy()
+    m.run(m.null)
+    attitude, measured = m.X[:, 0].copy(), np.isfinite(record.z[:, THETA])
     if not np.all(np.abs(attitude) < record.farthest):
         return None
+    if np.count_nonzero(measured) > FEWEST_ROWS:   # what a wrong gyro slowly takes the attitude off
+        slow = np.vander(np.linspace(-1.0, 1.0, rows), 3)
+        off = record.z[measured, THETA] - attitude[place[measured]]
+        attitude += combined(slow, least_squares(slow[place[measured]], off))
     return Seen(attitude, np.where(np.isfinite(z), m.E, math.nan)[place])
 
 
