@@ -102,7 +102,7 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
         add("null_angle", 0.0, d.command, s.beta, "actuator_bias", "angle")
         add("nozzle_bias", 0.0, math.hypot(d.command, SIGMAS * offsets.nozzle_sensor_bias), s.beta,
             "nozzle_sensor_bias", "angle")
-    if has_input and (m.is_commanded or not m.is_flown):
+    if has_input and not m.is_flown:
         add("lag", 0.0, d.timing, TIMES, "actuator_bandwidth", "lag", 0.0, LATEST, 1e-4 + 0.02 * row)
     if both:
         add("gyro_bias", 0.0, SIGMAS * offsets.gyro_bias, s.omega, "gyro_bias", "rate")

@@ -24,7 +24,6 @@ HOLDS = 0.1            # of the squares of a change of the errors, by which slop
 TRIES = 3              # groups tried in a step, the cheapest first
 EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goes first, as if it cost so much of it
 RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "friction", "k1_slope", "lateral_drift"}
-FORMS = ("bandwidth", "lag")   # of one cause, of which one stays: two undo one another
 SHAPES_OF_NUMBERS = {"cubic", "sine", "term beta^2", "friction"}
 SHAPE_Z = 4.0          # standard errors that a curve of the motion must save, or any number beside a wrong sensor
 CLEAR, CLEAR_Z = 0.5, 1.65   # of what the full model saves in a stranger's log, from which so many errors are enough
@@ -107,8 +106,7 @@ class Search:
         self.groups = groups_of(m, notes)
 
     def nearest(self, j: int, value: float) -> float:
-        m = self.m
-        return float(np.clip(value, m.null[j] - m.tol[j], m.null[j] + m.tol[j]))
+        return float(np.clip(value, self.m.null[j] - self.m.tol[j], self.m.null[j] + self.m.tol[j]))
 
     def cost(self, fit: Fit, covariance: np.ndarray, groups: list[Group]) -> float:
         """Squares that it costs to put the groups back, by the information (Wald 1943)."""
@@ -217,15 +215,11 @@ class Search:
                   e_end: np.ndarray) -> tuple[Fit, list[Group], np.ndarray, np.ndarray]:
         """The loop; -> the fit, what is left, the best left-out errors on the way, those of the fit."""
         m, live, best = self.m, list(self.groups), e_end
-        forms = [g for g in live if g.name in FORMS]
-        for cluster in [forms, *self.clusters()]:
-            among = [g for g in cluster if g in live]
-            if len(among) < 2:
-                continue
+        for cluster in self.clusters():
             C = inverse(m, fit)
-            others = [[g for g in among if g is not one] for one in among]
+            others = [[g for g in cluster if g is not one] for one in cluster]
             least, k = min((self.cost(fit, C, rest), k) for k, rest in enumerate(others))
-            if least < ONE_OF or cluster == forms:
+            if least < ONE_OF:
                 fit = self.without(fit, others[k])
                 e_end = left_out(m, fit)
                 live = [g for g in live if g not in others[k]]
@@ -268,8 +262,7 @@ class Search:
                 gain, error = compare(m, e, e_end, self.unit)
                 alike = []
                 for other in self.groups:
-                    if other is g or other in live or self.related(g, other) < RELATED or \
-                            (other.name in FORMS and any(each.name in FORMS for each in live if each is not g)):
+                    if other is g or other in live or self.related(g, other) < RELATED:
                         continue
                     again = self.with_other(rest, other)
                     ei = left_out(m, again)

@@ -195,7 +195,6 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
 
 def everything(m: Model) -> np.ndarray:
     """The numbers with every usual one and what the scan found free; noise levels there."""
-    free = tuple(range(len(m.numbers)))
     start = limited(m) if m.is_commanded and m.is_flown else best_delay(m, m.null)
     fit = gauss_newton(m, start, tuple(range(len(m.numbers))), frozenset(), 3)
     fit_levels(m, fit.p)
@@ -204,9 +203,9 @@ def everything(m: Model) -> np.ndarray:
     for k in range(MOST_SHAPES):
         if k == 1 and weather(m, fit):
             m.with_numbers(usual(m), [])
-            fit = gauss_newton(m, m.null, free, frozenset(), 3)
+            fit = gauss_newton(m, m.null, tuple(range(len(m.null))), frozenset(), 3)
             fit_levels(m, fit.p)
-            fit = gauss_newton(m, fit.p, free, frozenset(), 2)
+            fit = gauss_newton(m, fit.p, fit.free, frozenset(), 2)
         p = with_found(m, fit, fit.p, FIRST)
         if len(p) == len(fit.p):
             break
@@ -501,7 +500,8 @@ def named_beside(m: Model, controller: ControllerCheck | None) -> list[Named]:
 
 
 def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
-    """A kept group in the contract's words; a sine in the place of the angle is two terms."""
+    """A kept group in the contract's words; a sine in the place of the angle is two terms; and a servo that is later
+    and slower is one thing, of a form that is neither: an either-set, and the scale that is as late as both."""
     cause = cause_of(m, k.group.name)
     values: dict[str, tuple[Any, float | None]] = {}
     for j in k.group.numbers:
@@ -521,6 +521,15 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
     if cause == "input_washout":
         v, std = values["time_constant"]
         values = {"time_constant": (1.0 / v if v else math.inf, (std or 0.0) / v**2 if v else None)}
+    late = {"delay", "bandwidth"} <= {each.group.name for each in el.kept}
+    if late and k.group.name == "delay":
+        return []          # it is said with the bandwidth
+    if late and k.group.name == "bandwidth":
+        (value, std), delay = values["scale"], m.index("delay")
+        scale = m.servo.lag / (m.servo.lag / value + float(el.final.p[delay] - m.null[delay]))
+        if abs(scale - 1.0) < max(m.tol[k.group.numbers[0]], 2.0 * (std or 0.0)):
+            return []      # they undo one another
+        values = {"scale": (scale, std)}
     if cause == "actuator_bandwidth" and "lag" in values:
         lag, std = values["lag"]
         scale = m.servo.lag / (m.servo.lag + lag)
@@ -533,6 +542,7 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
             C, slope = covariance(m, el.final, el.unit)[np.ix_(at, at)], np.array([width, share])
             values = {"half_width": (share * width, math.sqrt(slope @ C @ slope))}
     alike = {cause_of(m, other) for other in k.alike} - {""} | set(ALIKE.get(k.group.name, ()))
+    alike |= {"actuator_delay"} if late and k.group.name == "bandwidth" else set()
     if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.is_flown:
         cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}
     named = Named(cause, CATALOGUE[cause].where, values, tuple(sorted(alike - {cause})), 0.5 * k.gain, k.share)
