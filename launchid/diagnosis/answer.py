@@ -106,7 +106,7 @@ def _limits(result: Result) -> dict[str, Any]:
         return found
     for j, std in el.std_full.items():
         of = m.numbers[j]
-        neutral = {p.name: p.default for p in CATALOGUE[of.cause].parameters} if of.cause in CATALOGUE else {}
+        neutral = {p.name: p.neutral for p in CATALOGUE[of.cause].parameters} if of.cause in CATALOGUE else {}
         if "#" not in of.name and of.cause not in found and neutral.get(of.parameter, math.nan) == of.null:
             found[of.cause] = {
                 "parameter": of.parameter, "unit": unit_of(of.cause, of.parameter),

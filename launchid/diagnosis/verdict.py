@@ -345,7 +345,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
         sure = [k for k in listed if k.share > SURE]
         names = [each for each in names if each.where == "controller" or
                  any(each.nats == 0.5 * k.gain for k in sure)]
-        if not names or sum(k.share for k in listed) > BETWEEN_THEM:
+        if not names or sum(k.share for k in el.kept) > BETWEEN_THEM:
             return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
         return result("dominant", names[0].where, named=tuple(names), remaining=tuple(against), share=gain.share,
                       remaining_where=where or misfit)
