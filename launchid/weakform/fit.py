@@ -137,29 +137,38 @@ def unknown(m: Modes, variance: np.ndarray, nothing: np.ndarray) -> Fit:
                len(m.y) - q - m.ends.shape[1], True)
 
 
-class Stack(NamedTuple):
-    """Regressions with the same modes: `Modes` with one more dimension, the modes last."""
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Regressions with the same modes: `Modes` with one more dimension, the modes last; `first` of them for what is the
+    same in all.
 
-    y: np.ndarray        # (a, n)
-    phi: np.ndarray      # (a, q, n)
-    doubt: np.ndarray    # (a, q, n)
-    ends: np.ndarray     # (a, k, n)
-    step: np.ndarray     # (a, n)
-    sensor: np.ndarray   # (a, q, q)
-    motion: np.ndarray   # (a, q)
-    ahead: np.ndarray    # (a, q)
-    first: Modes         # of what is the same in all
+    y, step (a, n);  phi, doubt (a, q, n);  ends (a, k, n);  sensor (a, q, q);  motion, ahead (a, q)
+    """
+
+    y: np.ndarray
+    step: np.ndarray
+    phi: np.ndarray
+    doubt: np.ndarray
+    ends: np.ndarray
+    sensor: np.ndarray
+    motion: np.ndarray
+    ahead: np.ndarray
+    first: Modes
 
     @staticmethod
     def of(regressions: Sequence[Modes]) -> "Stack":
         """Return regressions with the same modes as one."""
-        wide = (np.stack([getattr(m, name).T for m in regressions]) for name in ("phi", "doubt", "ends"))
-        rest = (np.stack([getattr(m, name) for m in regressions]) for name in ("step", "sensor", "motion", "ahead"))
-        return Stack(np.stack([m.y for m in regressions]), *map(np.ascontiguousarray, wide), *rest, regressions[0])
+        y, step, sensor, motion, ahead = (np.stack([getattr(m, name) for m in regressions])
+                                          for name in ("y", "step", "sensor", "motion", "ahead"))
+        phi, doubt, ends = (np.ascontiguousarray(np.stack([getattr(m, name).T for m in regressions]))
+                            for name in ("phi", "doubt", "ends"))
+        return Stack(y, step, phi, doubt, ends, sensor, motion, ahead, regressions[0])
 
     def part(self, at: list[int]) -> "Stack":
         """Return some of the regressions."""
-        return self if len(at) == len(self.y) else Stack(*(each[at] for each in self[:-1]), self.first)
+        return self if len(at) == len(self.y) else Stack(
+            self.y[at], self.step[at], self.phi[at], self.doubt[at], self.ends[at], self.sensor[at], self.motion[at],
+            self.ahead[at], self.first)
 
 
 def apart(m: Stack, root: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -317,7 +317,8 @@ def frame_of(rows: Rows) -> Frame:
         first = np.sqrt(2.0 / (n + 1)) * np.sin(angle)
         ends.append(np.column_stack([first, first * (-1.0) ** np.arange(n)]))
         parts.append((sines(rise[:, None])[:, 0], 2.0 - 2.0 * np.cos(angle), np.full(n, h), angle / h))
-    y, curl, step, frequency = (np.concatenate(each) for each in zip(*parts or [[np.zeros(0)] * 4], strict=True))
+    y, curl, step, frequency = (np.concatenate([np.zeros(0), *each]) for each in zip(*parts, strict=True)) \
+        if parts else [np.zeros(0)] * 4
     apart = np.zeros((len(y), 0 if rows.has_rate else 2 * len(ends)))
     at = 0
     for k, each in enumerate(ends if not rows.has_rate else []):

@@ -11,7 +11,7 @@ from launchid_core import Config, Estimate, EstimateStatus
 from ..log.check import CheckedLog
 from ..log.rates import INTERPOLATED
 from ..sums import combined, square
-from .fit import Fit, Prior, gls_of_all, least, noise_likelihoods
+from .fit import SPAN, Fit, Prior, gls_of_all, least, noise_likelihoods
 from .judge import (
     INCREMENT,
     PER_COEFFICIENT,
@@ -197,24 +197,23 @@ def window_fits(rows: Rows, windows: list[tuple[Rows, tuple[str, ...], Modes | N
     """Return the fits of windows, None for too few rows: the noise's ratios by their own likelihood and some
     of the log's, optional terms as the whole log tells them, deviations with what a6 and k1 drift."""
     fits: list[Fit | None] = [None] * len(windows)
-    pooled = POOLED * np.sum([piece.noise.restricted for piece in asked.pieces] or [0.0], axis=0)
+    grid = len(SPAN), len(SPAN)
+    pooled = POOLED * np.sum([np.zeros(grid), *(piece.noise.restricted for piece in asked.pieces)], axis=0)
     for is_whole in (True, False):
         at = [k for k, (part, _, m) in enumerate(windows) if m and (len(part.t) > 0.9 * len(rows.t)) == is_whole]
         regressions = [m for k in at if (m := windows[k][2])]
         prior: Prior = () if is_whole else [(asked.terms.index(term), *known) for term, known in asked.known.items()]
         noises = noise_likelihoods(regressions)
-        for k, fit in zip(at, gls_of_all(regressions, [noise.restricted + pooled for noise in noises], noises, prior),
-                          strict=True):
-            fits[k] = fit
-    rate, drifting = rates(asked), dict[int, Modes]()
+        made = gls_of_all(regressions, [noise.restricted + pooled for noise in noises], noises, prior)
+        for k, each in zip(at, made, strict=True):
+            fits[k] = each
+    rate, drifting = rates(asked), list[tuple[int, Fit, Modes]]()
     for k, ((part, terms, _), fit) in enumerate(zip(windows, fits, strict=True)):
         if fit and not fit.is_singular and len(slopes := slopes_of(terms)) == 2:
-            drifting[k] = term_modes(part, (*terms, *slopes))
-    bent = gls_of_all(list(drifting.values()))
-    for k, each in zip(drifting, bent, strict=True):
-        fit = fits[k]
-        if fit:
-            fits[k] = dataclasses.replace(fit, covariance=fit.covariance + drift(each, fit, windows[k][1], rate))
+            drifting.append((k, fit, term_modes(part, (*terms, *slopes))))
+    bent = gls_of_all([m for *_, m in drifting])
+    for (k, fit, _), each in zip(drifting, bent, strict=True):
+        fits[k] = dataclasses.replace(fit, covariance=fit.covariance + drift(each, fit, windows[k][1], rate))
     return fits
 
 
