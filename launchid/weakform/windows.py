@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -116,15 +117,16 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
     is_weak   their numbers are the weak form's: those of the estimates, which give the windows alone, are replaced
     optional  terms that the answer has too where they are more than their deviation
     """
-    rows = usable(seen)
     if config.formulation == "filtered":   # it judges itself: of it the fits alone
+        rows = usable(seen)
         fits = [held_out(rows, e, e.whiteness if math.isfinite(e.whiteness) else None)
                 if rows is not None and e.valid else WindowFit() for e in estimates]
         return Judged(estimates, fits, [])
     if seen.rates["beta"].kind == INTERPOLATED:
         return Judged([refused(e) for e in estimates], [WindowFit() for _ in estimates], [Lack(INTERPOLATED)],
                       fitted=estimates)
-    asked = question(rows, config.terms if is_weak else asked_terms(config, estimates), optional if is_weak else ())
+    rows, asked = question_to(seen, config.terms if is_weak else asked_terms(config, estimates),
+                              optional if is_weak else ())
     if rows is None:
         return Judged([refused(e, EstimateStatus.SHORT) if e.valid else e for e in estimates],
                       [WindowFit() for _ in estimates], [], None, asked.unchecked, estimates)
@@ -135,6 +137,13 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
                                  "longer windows, or fewer gaps, allow it" if untested else "")
     return Judged([e for e, *_ in made], [fit for _, fit, *_ in made], list(lacks.values()), asked.lead, reason,
                   [fitted for *_, fitted in made])
+
+
+@lru_cache(maxsize=1)
+def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, ...]) -> tuple[Rows | None, Question]:
+    """Return the usable rows of a log, and what it answers: once, whatever windows are asked for."""
+    rows = usable(seen)
+    return rows, question(rows, terms, optional)
 
 
 def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:
