@@ -91,33 +91,6 @@ def test_every_row_is_kept_equally_often(source):
     assert 17.26 < inclusion_statistic(draws, n, p) < 72.05
 
 
-# ---------------------------------------------------------------- degenerate cases
-
-
-def test_no_rows():
-    assert chosen([], 3, 1) == ([], 1)
-
-
-def test_nothing_wanted():
-    assert chosen([1, 1, 1], 0, 1)[0] == []
-
-
-def test_nothing_usable():
-    assert chosen([0, 0, 0], 2, 5) == ([], 5)
-
-
-def test_all_rows_wanted():
-    assert chosen([1, 0, 1, 1], 3, 1)[0] == [0, 2, 3]
-
-
-def test_more_rows_wanted_than_there_are():
-    assert chosen([1, 0, 1, 1], 99, 1)[0] == [0, 2, 3]
-
-
-def test_seed_zero_gives_a_state():
-    assert 1 <= first_state(0) < MODULUS
-
-
 # ---------------------------------------------------------------- textbook numbers
 
 

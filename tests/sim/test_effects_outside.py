@@ -70,13 +70,6 @@ def test_chance_draws_from_streams_of_its_own():
     assert abs(np.corrcoef(one, both - one)[0, 1]) < 5 / math.sqrt(2000)
 
 
-def test_an_effect_of_no_level_leaves_the_wind_calm():
-    level = [from_text("turbulence:level=0"), from_text("wind_walk:level=0")]
-    flight = fly_whole(short(wind=Wind(turbulence=0.01)), 2, effects=level)
-    assert bits(flight) == bits(fly_whole(short(wind=Wind(turbulence=0.01)), 2))
-    assert not fly_whole(short(), 2, effects=level).wind.any()
-
-
 # ---- drift
 
 

@@ -15,7 +15,6 @@ from launchid.cli.main import main
 from launchid.log.log import MEASURED, measured_logs, read_log
 from sim.nominal import STANDS, load_nominal
 
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "real"  # from which they were taken
 DEVICE = (20.3, 21.4)  # 1/s^2
 WITH_FRICTION, WITHOUT = "sin(theta),beta,sign(theta_dot)", "sin(theta),beta"
 
@@ -84,14 +83,6 @@ def test_every_log_of_the_package_is_read_by_its_name_and_says_so(capsys):
         assert log.path == name and len(log.t) > 1000
 
 
-def test_identify_takes_a_log_by_name_as_by_path(capsys):
-    said = []
-    for log in ("dfki_pendulum_dircol", str(MEASURED / "dfki_pendulum_dircol.csv")):
-        assert main(["identify", log, "--library", WITHOUT, "--window", "all", "--json", "-"]) == 0
-        said.append(capsys.readouterr().out)
-    assert said[0] == said[1]
-
-
 def test_a_file_that_exists_wins_over_the_name_and_a_folder_does_not(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("map_single_free").mkdir()
@@ -119,9 +110,3 @@ def test_every_log_has_its_source_and_its_licence_beside_it():
     assert all(f"`{name}`" in sources for name in measured_logs())
     licences = {path.name for path in MEASURED.glob("LICENCE-*.txt")}
     assert len(licences) == 3 and all(f"`{name}`" in sources for name in licences)
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the real logs (shared/data/real beside the checkout) are not here")
-def test_the_logs_are_those_that_were_measured_to_the_byte():
-    for path in SHARED.glob("*.csv"):
-        assert path.read_bytes() == (MEASURED / path.name).read_bytes()

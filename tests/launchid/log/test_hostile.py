@@ -2,24 +2,17 @@
 
 import dataclasses
 import math
-import os
-import subprocess
-import sys
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
-from ported import as_text, built, filtered, flight, needs_compiler
 
 import launchid
-import launchid_core
 from launchid.cli.main import main
 from launchid.diagnosis.data.used import MOST
 from launchid.log.log import write_columns
 from sim.nominal import Nominal, load_nominal, write_nominal
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def run(capsys, *words: object) -> tuple[int, str, str]:
@@ -67,40 +60,6 @@ def test_fit_lft_refuses_degrees(folder, capsys):
     status, out, err = run(capsys, "fit-lft", folder / "degrees.csv", folder / "n.toml", "--out", folder / "new.toml")
     assert (status, out) == (3, "") and "degrees" in err and len(err.splitlines()) == 1
     assert not (folder / "new.toml").exists()
-
-
-@needs_compiler
-def test_replay_refuses_a_csv_in_one_line(folder, tmp_path):
-    """`./replay < log.csv` printed nothing: other order, commas, a header."""
-    program = built(tmp_path, filtered(window=5.0))
-    rows = as_text(flight()[:20])
-    for text, sample in ((folder / "degrees.csv").read_text(), 1), (rows.replace(" ", ","), 1), (rows + "1 2 3\n", 21):
-        done = subprocess.run([str(program)], input=text, capture_output=True, text=True, timeout=60, check=False)
-        assert done.returncode == 1 and len(done.stderr.splitlines()) == 1
-        assert f"sample {sample}: expected seven numbers with blanks between, t theta theta_dot beta" in done.stderr
-    done = subprocess.run([str(program)], input=rows, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stderr) == (0, "") and len(done.stdout.splitlines()) == 21
-
-
-def test_the_version_is_said(capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["--version"])
-    assert ended.value.code == 0
-    assert capsys.readouterr().out == f"launchid {launchid.__version__}\n"
-    assert launchid.__version__ == launchid_core.__version__
-
-
-# ---- the terminal
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/fd") or os.name != "posix", reason="no pipes by name here")
-def test_a_reader_that_has_gone_is_no_traceback(folder):
-    """The command is `launchid identify LOG | head -1`."""
-    command = subprocess.Popen([sys.executable, "-m", "sim", "effects"], cwd=ROOT, stdout=subprocess.PIPE,
-                               stderr=subprocess.PIPE)
-    assert command.stdout is not None and command.stderr is not None
-    command.stdout.close()
-    assert command.stderr.read() == b"" and command.wait(300) in (0, 3)
 
 
 # ---- a log of the simulator itself, and one of a million rows

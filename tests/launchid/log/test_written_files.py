@@ -27,7 +27,7 @@ from sim.nominal import (
     rewrite_nominal,
     write_nominal,
 )
-from sim.nominal.rewriter import ANEW, statements
+from sim.nominal.rewriter import ANEW
 from sim.nominal.writer import content_of
 
 OWN = """\
@@ -177,17 +177,6 @@ def test_any_change_reads_back_and_keeps_every_comment(tmp_path_factory, before,
     for line in (x for x in text.splitlines() if x.lstrip().startswith("#")):
         assert line in left
         left.remove(line)
-
-
-@given(st.sampled_from(BUILT_IN), st.data())
-def test_statements_are_the_whole_text(name, data):
-    text = built_in(name).read_text(encoding="utf-8")
-    cut = data.draw(st.integers(0, len(text)))
-    assert "".join(each.text for each in statements(text[:cut] + "\n# x\n")) in text[:cut] + "\n# x\n"
-    whole = list(statements(text))
-    assert "".join(each.text for each in whole) == text
-    assert {each.place[:1] for each in whole if each.is_header} == \
-        {(key,) for key, value in tomllib.loads(text).items() if isinstance(value, (dict, list))}
 
 
 # ---- forms that a file may have

