@@ -16,7 +16,6 @@ from launchid.cli.main import main
 from launchid_core.algebra import library
 from launchid_core.algebra.library import term_codes
 from sim.effects import CATALOGUE, Effect, effect, from_table, from_text, pack, values
-from sim.effects import actuator as fx_actuator
 from sim.effects.plant import acceleration
 from sim.effects.table import TERM
 from sim.errors import InputError, UsageError
@@ -211,13 +210,6 @@ def test_bending_adds_its_mode_to_what_is_measured_and_leaves_the_vehicle():
     assert np.array_equal(bent.theta_ddot, rigid.theta_ddot) and np.max(np.abs(eta)) > 1e-3
 
 
-def test_two_bending_modes_add_up():
-    modes = [effect("bending", gain=0.4, frequency=25.0), effect("bending", gain=0.2, frequency=60.0)]
-    rigid, one, two, both = (fly_whole(probed(), 0, "ideal", effects=e).theta for e in
-                             ([], modes[:1], modes[1:], modes))
-    assert np.allclose(both, one + two - rigid, atol=1e-14)
-
-
 @pytest.mark.parametrize("name", ["1", "theta*beta", "theta^3*cos(beta)", "sign(theta_dot)*beta^5"])
 def test_missing_term_is_the_library_s_term(name):
     code, row = term_codes((name,))[0], np.zeros(1)
@@ -306,30 +298,6 @@ def test_input_that_washes_out():
             b += h * r
     assert np.max(np.abs(flight.beta)) > 3e-3
     assert np.allclose(flight.beta, reference, atol=1e-5)
-
-
-def test_no_lag_makes_a_servo_faster():
-    quick = [fly_whole(probed(), 0, "ideal", effects=[effect("actuator_bandwidth", scale=1.5, lag=lag)])
-             for lag in (0.0, 1.0)]
-    assert bits(quick[0]) == bits(quick[1])
-
-
-def test_play_operator():
-    """The backlash drives at its edges, rests between, is the identity without play, and plays in series add."""
-    u = np.cumsum(np.random.default_rng(1).normal(0, 0.3, 400))
-    w, last = [], 0.0
-    for x in u.tolist():
-        new = fx_actuator.play(0.5, x, last)
-        assert abs(x - new) <= 0.5 + 1e-12 and (new == last or abs(abs(x - new) - 0.5) < 1e-12)
-        assert fx_actuator.play(0.0, x, last) == x
-        w.append(new)
-        last = new
-    a, b, series = 0.0, 0.0, []
-    for x in u.tolist():
-        a = fx_actuator.play(0.2, x, a)
-        b = fx_actuator.play(0.3, a, b)
-        series.append(b)
-    assert np.allclose(series, w, atol=1e-12)
 
 
 def test_backlash_drives_the_servo():
@@ -427,12 +395,6 @@ def test_input_is_in_the_logged_command_before_the_limit():
     assert np.max(np.abs(flight.beta_cmd)) == 0.025
     plain = fly_whole(dataclasses.replace(nominal, test_input=None), 5)
     assert np.array_equal(flight.theta[:100], plain.theta[:100]) and not np.array_equal(flight.theta, plain.theta)
-
-
-def test_input_outside_its_time_changes_no_bit():
-    nominal = short()
-    silent = dataclasses.replace(nominal, test_input=dataclasses.replace(PROBE, start=50.0))
-    assert bits(fly_whole(silent, 1)) == bits(fly_whole(nominal, 1))
 
 
 # ---- words: the command, the file, the writer

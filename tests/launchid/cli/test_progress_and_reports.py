@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 from html.parser import HTMLParser
 
 import pytest
@@ -65,34 +64,6 @@ def test_a_terminal_shows_one_line_that_is_taken_off_at_the_end(clock, monkeypat
 @pytest.mark.parametrize("is_terminal", [False, True])
 def test_quiet_says_nothing(clock, monkeypatch, is_terminal):
     assert run_of(clock, monkeypatch, is_terminal, 100, is_quiet=True) == ""
-
-
-def test_a_worker_that_is_forked_says_nothing(clock, monkeypatch):
-    stream = Stream(True)
-    monkeypatch.setattr(terminal.sys, "stderr", stream)
-    with terminal.progress_shown(False):
-        parent = os.getpid()
-        monkeypatch.setattr(terminal.os, "getpid", lambda: parent + 1)
-        progress.report("windows", 1, 2)
-        assert stream.getvalue() == ""
-
-
-def test_a_caller_from_python_hears_nothing(capsys):
-    for _ in progress.each([1, 2], "windows"):
-        pass
-    assert capsys.readouterr() == ("", "")
-
-
-def test_a_counter_adds_up_what_workers_have_done():
-    heard = []
-    progress.listeners.append(lambda *what: heard.append(what))
-    try:
-        count = progress.Counter(5, "flights")
-        count(2)
-        count(3)
-    finally:
-        progress.listeners.clear()
-    assert heard == [("flights", 2, 5), ("flights", 5, 5)]
 
 
 # ---- pages

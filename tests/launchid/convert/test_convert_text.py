@@ -24,7 +24,6 @@ from launchid.commands import convert as of_files
 from launchid.convert.columns import turned
 from launchid.convert.mapping import load_map
 from launchid.convert.readers import foreign_format, read_channels
-from launchid.convert.stream import MappedStream
 from launchid.log.log import read_log, write_columns
 from launchid.watch.lines import Lines
 from sim.errors import InputError
@@ -145,14 +144,6 @@ def test_a_first_row_of_numbers_is_no_header_and_no_column_vanishes(tmp_path, ca
     assert "the map names none of them" in refusal(tmp_path, capsys, "\n".join(rows))
 
 
-def test_columns_of_one_name_are_refused_where_they_are_asked_for(tmp_path, capsys):
-    twice = table(header="t,theta,theta")
-    assert "2 columns are called 'theta'" in refusal(tmp_path, capsys, twice)
-    assert listed(tmp_path, capsys, twice)[0] == 3
-    more = table().replace("\n", ",7,8\n").replace("7,8", "x,x", 1)
-    assert convert(tmp_path, more, MAP) == 0 and convert(tmp_path, twice, BY_PLACE + "[file]\nheader = 0\n") == 0
-
-
 @pytest.mark.parametrize("kind", [kind for kind in TABLES if kind != "any character"])
 def test_every_kind_is_listed(tmp_path, capsys, kind):
     status, channels, _ = listed(tmp_path, capsys, TABLES[kind][0])
@@ -205,14 +196,6 @@ def test_a_log_that_grows_in_runs_of_blanks_is_read_as_the_whole(tmp_path):
     grown = [log for k in range(0, len(text), 100) for log in lines.logs(text[k:k + 100].encode())]
     for name, x in read_log(tmp_path / "o.csv").measured().items():
         assert np.array_equal(np.concatenate([getattr(log, name) for log in grown]), x)
-
-
-def test_a_map_for_whole_files_is_refused_for_a_log_that_grows(tmp_path):
-    for line in ("[file]\nheader = 3\n", 'format = "%H"\n', f"period = {PERIOD}\n"):
-        text = MAP + line if "[file]" in line else MAP.replace("[columns]", line + "[columns]")
-        (tmp_path / "map.toml").write_text(text.replace('name = "t"\n', "") if "period" in line else text)
-        with pytest.raises(InputError, match=r"is for whole files.*launchid convert"):
-            MappedStream(load_map(tmp_path / "map.toml"))
 
 
 @pytest.mark.parametrize(("change", "mention"), [
@@ -471,27 +454,6 @@ def test_chunks_and_messages_that_lie_are_refused(tmp_path, capsys):
     assert "more than 10000 fields" in refusal(tmp_path, capsys, many, MCAP_MAP)
 
 
-@pytest.mark.parametrize("fields", ["double[999999999] q", ";".join(["double[60000] q"] * 9), "one[60000] q",
-                                    "two[2] q"])
-def test_a_ulog_format_that_no_message_can_hold_is_refused(tmp_path, capsys, fields):
-    pytest.importorskip("pyulog")
-    more = "one:double[60000] q;", *(f"{a}:{b}[2] q;{b}[2] r;" for a, b in zip(
-        ["two", *(f"t{k}" for k in range(40))], [*(f"t{k}" for k in range(40)), "double"], strict=True))
-    data = b"ULog\x01\x12\x35\x01" + bytes(8)
-    for kind, body in (("B", bytes(40)), *(("F", each.encode()) for each in (f"x:uint64_t timestamp;{fields};", *more)),
-                       ("A", struct.pack("<BH", 0, 0) + b"x"), ("D", bytes(10))):
-        data += struct.pack("<HB", len(body), ord(kind)) + body
-    assert "is longer than a message can be" in refusal(tmp_path, capsys, data)
-
-
-def test_a_mat_file_that_lies_is_refused(tmp_path, capsys):
-    io = pytest.importorskip("scipy.io")
-    io.savemat(tmp_path / "f.mat", LOG)
-    data = bytearray((tmp_path / "f.mat").read_bytes())
-    struct.pack_into("<i", data, data.find(struct.pack("<i", ROWS)), 2**31 - 1)
-    assert "is there but declares 2.147e+09 numbers" in refusal(tmp_path, capsys, bytes(data))
-
-
 def element(kind: int, body: bytes) -> bytes:
     """One of MAT version 5."""
     return struct.pack("<2I", kind, len(body)) + body
@@ -528,19 +490,6 @@ def test_what_ends_the_mat_library_is_refused_and_what_it_does_not_know_is_told(
         status, channels, _ = listed(tmp_path, capsys, data)
         assert status == 0 and channels["theta"].startswith("60 rows")
         assert "is a MATLAB object" in next(what for name, what in channels.items() if name.startswith("beta"))
-
-
-def test_a_dataflash_log_of_messages_without_length_is_refused(tmp_path, capsys):
-    pytest.importorskip("pymavlink")
-    dataflash(tmp_path / "log.bin")
-    data = bytearray((tmp_path / "log.bin").read_bytes())
-    data[89 + 4] = 0   # the length in the format of ATT: the library would not end
-    assert "messages of 0 bytes" in refusal(tmp_path, capsys, bytes(data), ARDUPILOT)
-    junk = (tmp_path / "log.bin").read_bytes() + bytes(120_000)
-    assert "damaged in too many places" in refusal(tmp_path, capsys, junk, ARDUPILOT)
-    (tmp_path / "log.bin").write_bytes((tmp_path / "log.bin").read_bytes()[:-700] + b"?" * 700)
-    assert convert(tmp_path, (tmp_path / "log.bin").read_bytes(), ARDUPILOT) == 0
-    assert "the file is damaged; what could be read is used" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("text", "mention"), [

@@ -8,14 +8,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from launchid.monte_carlo.campaign import ATTEMPTS, Job, draw_jobs, run_campaign, run_jobs
+from launchid.monte_carlo.campaign import ATTEMPTS, Job, draw_jobs, run_campaign
 from sim.errors import InputError, UsageError
 
 
@@ -260,15 +260,6 @@ def test_a_job_that_always_kills_is_found_and_fails_alone(tmp_path):
     assert failed[0]["error"].startswith(f"WorkerDied: {ATTEMPTS} times")
 
 
-def test_a_given_executor_that_breaks_is_one_clear_error_and_another_continues(tmp_path, reference):
-    work = functools.partial(die_once, tmp_path)
-    with ProcessPoolExecutor(2) as executor, pytest.raises(UsageError, match="run again to continue"):
-        run_campaign(points(50), work, tmp_path / "t.csv", executor, workers=2, chunk=4)
-    with ProcessPoolExecutor(2) as executor:
-        run_campaign(points(50), work, tmp_path / "t.csv", executor, workers=2, chunk=4)
-    assert (tmp_path / "t.csv").read_bytes() == reference
-
-
 # ---- an engine beyond one machine
 
 
@@ -296,18 +287,3 @@ def test_dask_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(tmp_
                          workers=3, chunk=2, progress=progress)
     assert killed and len(pids) == 3
     assert table.path.read_bytes() == reference
-
-
-# ---- in memory
-
-
-def refuse(point: Point) -> int:
-    raise ValueError(f"seed {point.seed}")
-
-
-def test_what_work_in_memory_raises_and_what_kills_it_is_one_clear_error(tmp_path):
-    with pytest.raises(UsageError, match=r"ValueError: seed \d"):
-        run_jobs(points(3), refuse, workers=1)
-    with pytest.raises(UsageError, match=f"seed=11.*WorkerDied: {ATTEMPTS} times"):
-        run_jobs(points(12), die_always, workers=2)
-    assert len(run_jobs(points(12), functools.partial(die_once, tmp_path), workers=2)) == 12

@@ -254,19 +254,6 @@ def test_without_a_requirement_nothing_is_claimed(tmp_path, capsys):
     assert json.loads((tmp_path / "o" / "verdict.json").read_text())["verdict"] is None
 
 
-def test_without_matplotlib_the_picture_is_one_line(tmp_path, capsys, monkeypatch):
-    nominal_of(tmp_path)
-    for module in [name for name in sys.modules if name.split(".")[0] == "matplotlib" or name in
-                   ("sim.canvas", "launchid.figures.plots", "launchid.monte_carlo.requirement.figures")]:
-        monkeypatch.delitem(sys.modules, module)
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    words = ["campaign", str(tmp_path / "n.toml"), "--flights", "8", "--workers", "1", "--out", str(tmp_path / "o")]
-    assert main(words) == 0
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "no campaign.png" in line and "launchid[plots]" in line
-    assert set(files(tmp_path / "o")) == WHOLE
-
-
 def test_from_python_it_is_the_command(tmp_path, capsys):
     nominal_of(tmp_path)
     words = ["--flights", "30", "--requirement", "lost<0.1@0.9", "--workers", "1", "--seed", "4"]

@@ -25,7 +25,6 @@ from launchid.log.log import flown_log, read_log
 from launchid.watch.follower import LAST_WINDOWS, Follower
 from launchid.watch.lines import LONGEST, Lines
 from launchid.watch.live import MOST_POINTS, MOST_WINDOWS, POINT, WINDOW, Live, message
-from launchid.watch.rate import PERIOD_ROWS
 from launchid.watch.server import MOST_PAGES, PAGE, Server
 from launchid.watch.session import Watched, watch
 from launchid.watch.sources import Source, open_source
@@ -391,16 +390,6 @@ def test_malformed_rows_are_said_with_their_number_and_counted(folder, nominal, 
     assert numbers == [at + 1 + k for k, at in enumerate(sorted(bad))] and "\n" not in "".join(lines)
 
 
-def test_columns_are_those_of_a_log():
-    """alpha becomes gamma, others are ignored with a notice, a byte order mark and CRLF are none of a name."""
-    said: list[str] = []
-    lines = Lines("log", True, said.append)
-    (log,) = lines.logs(b"\xef\xbb\xbfbeta, alpha ,t,theta,note\r\n1,2,3,5,x\r\n\r\n")
-    assert [s for s in said if "note" in s] and log.path == "log"
-    (sample,) = log.samples()
-    assert (sample.t, sample.theta, sample.beta, sample.gamma) == (3.0, 5.0, 1.0, 3.0)
-
-
 def test_the_data_check_of_the_first_rows(folder, nominal, tmp_path):
     """A log in degrees is said while it runs, not only at its end."""
     header, *rows = rows_of(folder / "flight.csv")
@@ -429,22 +418,6 @@ def test_memory_does_not_grow(folder, nominal):
     most = len(json.dumps({"points": [[-1.234567e-05] * len(POINT)] * MOST_POINTS,
                            "windows": [[-1.234567e-05] * len(WINDOW)] * MOST_WINDOWS}))
     assert most < 400_000, "bytes of the longest message"
-
-
-def test_the_period_is_that_of_the_first_rows_however_they_come(nominal):
-    """One at a time, in pieces, or with everything behind them: the same period, and no row is lost."""
-    rows = [b"%.4f,0,0,0\n" % (k / 100 + 0.002 * (k % 3 == 1)) for k in range(3 * PERIOD_ROWS)]
-    found = []
-    for size in (1, 7, PERIOD_ROWS, 3 * PERIOD_ROWS):
-        follower, lines = Follower("log", nominal), Lines("log", False, lambda text: None)
-        for k in range(0, len(rows), size):
-            for log in lines.logs(b"".join(rows[k:k + size])):
-                follower.take(log)
-            assert (follower.estimator is None) == (k + size < PERIOD_ROWS)
-        follower.end()
-        found.append((follower.estimator.config.sample_period, follower.report()))
-        assert sum((found[-1][1]["samples"]["accepted"], *found[-1][1]["samples"]["rejected"].values())) == len(rows)
-    assert all(each == found[0] for each in found[1:]) and found[0][0] == pytest.approx(0.01, abs=0.001)
 
 
 def test_pages_that_never_read_do_not_delay_the_estimator(folder, nominal):
