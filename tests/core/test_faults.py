@@ -10,7 +10,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable
 
-import numba
 import numpy as np
 import pytest
 from cut import flip, persisting
@@ -29,7 +28,6 @@ from sim.sections import Offsets, Wind
 
 is_sound = unjitted(ob.is_sound)
 NAN, INF = math.nan, math.inf
-JIT = not numba.config.DISABLE_JIT
 PERIOD = 0.01
 CONSTANT = load_nominal("constant")
 IN_WIND = dataclasses.replace(CONSTANT, wind=Wind(walk=0.005, turbulence=0.005),
@@ -317,7 +315,6 @@ def test_a_sensor_at_its_end_stop_is_not_stuck():
     assert fly(config(), rows).counted["STUCK"] == 1
 
 
-@pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: thousands of samples through the predictor take minutes")
 @pytest.mark.parametrize("channel", ["theta", "theta_dot", "beta"])
 @pytest.mark.parametrize("size", [1e-3, 1e-2, 0.1, 1.0, 30.0])
 def test_one_spike_is_left_out_or_harmless(channel, size):
@@ -333,7 +330,6 @@ def test_one_spike_is_left_out_or_harmless(channel, size):
         assert repr((one.status, one.a6, one.k1)) == repr((two.status, two.a6, two.k1))
 
 
-@pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: thousands of samples through the predictor take minutes")
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.2, 0.5])
 @pytest.mark.parametrize("channel", ["theta", "theta_dot"])
 def test_bursts_of_spikes_are_left_out_or_flagged_and_then_forgotten(channel, share):
@@ -347,7 +343,6 @@ def test_bursts_of_spikes_are_left_out_or_flagged_and_then_forgotten(channel, sh
     assert_believed_again(flown, 25.0, FORGOTTEN)
 
 
-@pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: thousands of samples through the predictor take minutes")
 def test_a_step_is_refused_five_times_and_then_believed():
     """No gate locks out for ever: an attitude that stays there is right."""
     step = hit(range(2050, 4000), lambda s: s._replace(theta=s.theta + 0.1))
@@ -356,7 +351,6 @@ def test_a_step_is_refused_five_times_and_then_believed():
     assert np.median([e.rows for e in fly(config("filtered"), step).estimates[22:]]) == 100
 
 
-@pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: thousands of samples through the predictor take minutes")
 @pytest.mark.parametrize("channel", ["theta_dot", "beta"])
 def test_an_offset_that_the_other_sensors_contradict_is_the_models_fault_until_it_goes(channel):
     flown = fly(config("filtered"), hit(range(2050, 3000), lambda s: s._replace(
