@@ -131,42 +131,8 @@ def test_score_of_the_noise_levels_is_the_slope_of_a_plain_filters_likelihood():
     assert np.allclose(acc.score, slopes, rtol=2e-4, atol=2e-3)
 
 
-@pytest.mark.campaign
-def test_information_of_the_noise_levels_is_the_spread_of_their_score():
-    """Fisher's identity, over logs drawn from the filter's own model, at the levels that made them."""
-    logs, rows = 120, 25
-    random = np.random.default_rng(4)
-    std = np.sqrt(parts().fixed.belief.variance)
-    f = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)
-    x, z = np.zeros((logs, 4)), np.full((rows, logs, 7), math.nan)
-    for k in range(rows):
-        z[k, :, 0] = k * PERIOD
-        z[k, :, 1:4] = x[:, :3] + std[:3] * random.standard_normal((logs, 3))
-        z[k, :, 5] = 0.8 * z[k, :, 1] + 0.4 * z[k, :, 2]
-        acted = z[k, :, 5] + std[3] * random.standard_normal(logs)
-        x = x @ f[:4, :4].T + np.outer(acted, f[:4, 4])
-        x[:, :2] += np.outer(std[4] * random.standard_normal(logs), [0.5 * PERIOD**2, PERIOD])
-    scores, information = [], []
-    for log in range(logs):
-        cut = parts()
-        acc = cut.state.acc
-        for k in range(rows):
-            take(cut, z[k, log])
-            acc.counts[fl.ROWS] = 0
-        scores.append(acc.score.copy())
-        information.append(acc.information.copy())
-    told, seen = np.mean(information, axis=0), np.cov(np.array(scores).T)
-    scale = np.sqrt(np.diag(told))
-    assert np.allclose(told, told.T, rtol=1e-9)
-    assert np.allclose(seen / np.outer(scale, scale), told / np.outer(scale, scale), atol=0.45)
-    assert np.diag(seen) / scale**2 == pytest.approx(1.0, abs=0.45)
-
-
 def test_innovations_are_linear_in_the_parameters():
-    """e(p) = e(p_bar) - h (p - p_bar): the row the regression uses, against the filter run at another p_bar.
-
-    Quiet sensors: the gain's own dependence on p, left out by design, multiplies innovations that hardly are.
-    """
+    """e(p) = e(p_bar) - h (p - p_bar): the row the regression uses, against the filter run at another p_bar."""
     nominal = load_nominal("constant")
     quiet = dataclasses.replace(nominal, sensors=dataclasses.replace(
         nominal.sensors, theta_std=1e-9, theta_dot_std=1e-9, beta_std=1e-9))

@@ -13,9 +13,6 @@ from unjitted import unjitted
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator
 from launchid_core.filter import belief as bl
-from launchid_core.filter import states as sx
-from launchid_core.gate import ring as rb
-from launchid_core.order import block as bk
 from launchid_core.watch import changes as ch
 from launchid_core.watch import tracker as tr
 from sim.nominal import load_nominal
@@ -87,27 +84,3 @@ def test_the_last_events_leave_oldest_first():
     for _ in range(2):  # asking changes nothing
         assert [change.t for change in estimator.changes()] == list(range(3, ch.MAX_EVENTS + 3))
         assert {change.parameter for change in estimator.changes()} == {"k1"}
-
-
-# ---- a block that is watched
-
-
-def watch_block(cut) -> bool:
-    """A block of 0.1 s without a row, from 0.4 s on, is used; returns whether a change moved the filter's state."""
-    seen, rows, period = cut.memory.seen, cut.apart["rows"], cut.fixed.limits[rb.PERIOD]
-    cut.state.acc.start[0], cut.state.filter.time[sx.LAST] = 0.4, 0.5 - period
-    bk.reduce_rows(seen, rows)
-    bk.estimate_undeclared_wind(seen, cut.apart["profile"])
-    return bool(bk.detect_change(seen, bk.track_block(seen)))
-
-
-def watched(factor: float):
-    """A quiet block, after four, one of which stands at this factor; returns (alarm raised, parts)."""
-    cut = parts()
-    state = cut.state
-    opened(state.watch, 4)
-    state.watch.factor[1, ch.BOTH_JUMP], state.watch.mean[1, ch.BOTH_JUMP] = factor, (0.4, -0.3)
-    state.watch.carried[1] = 0.5
-    state.filter.s[:, 4:] = 2.0
-    state.filter.s[:, :4] = np.eye(4)
-    return watch_block(cut), cut

@@ -2,11 +2,9 @@
 
 import dataclasses
 import functools
-import math
 
 import numpy as np
 import pytest
-from cut import cut_of
 from sealed import reseal
 
 from launchid.identification.windows import onboard_model, run
@@ -27,14 +25,6 @@ FAR = 4.0  # own standard deviations
 
 def config(nominal=DECLARED, window: float = 1.0) -> Config:
     return Config(window=window, formulation="filtered", model=onboard_model(nominal))
-
-
-@pytest.fixture
-def cut():
-    """Memory of an estimator that expects a tenth of the declared wind."""
-    made = cut_of(config())
-    made.state.filter.level[5:] = math.log(0.1)
-    return made
 
 
 # ---- in flight

@@ -284,11 +284,7 @@ def test_nist_certified_values_follow_from_the_data(name):
     ("Norris", 12), ("Pontius", 12), ("NoInt1", 14), ("Longley", 11), ("Wampler1", 9), ("Wampler2", 12),
     ("Wampler3", 9), ("Wampler4", 7), ("Wampler5", 5), ("Filip", 7)])
 def test_nist_linear_regression(name, wanted):
-    """Certified values, NIST StRD, median digits over the order of the rows, which decides a digit or two by chance.
-
-    Not a digit below LAPACK's QR with column pivoting (dgelsy) of the same columns of unit norm in the same orders.
-    No tolerance: Filip's condition is 1e15, and 5e9 with columns of unit norm.
-    """
+    """Certified values, NIST StRD, median digits over the order of the rows, which decides a digit or two by chance."""
     lapack = pytest.importorskip("scipy.linalg").lstsq
     data, rng = DATASETS[name], np.random.default_rng(1)
     columns, y = np.array(data.columns(), dtype=float), np.array(data.right_hand_side(), dtype=float)

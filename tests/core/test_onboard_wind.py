@@ -269,9 +269,7 @@ def test_the_covariance_stays_one_for_a_whole_flight():
 
 
 def test_in_calm_air_the_wind_s_levels_fall_and_in_twice_the_declared_they_rise():
-    """A plain filter's likelihood of this flight excludes a thirtieth of the declared levels by 27 nats at its end.
-    The information as it was once gathered held them at a twentieth, and the steps of the sensors' at 1.2 in twice the
-    wind."""
+    """A plain filter's likelihood of this flight excludes a thirtieth of the declared levels by 27 nats at its end."""
     declared = dataclasses.replace(CALM, wind=Wind(walk=0.005, turbulence=0.005),
                                    offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005))
     twice = dataclasses.replace(declared, wind=Wind(walk=0.01, turbulence=0.01))
@@ -490,8 +488,7 @@ def test_a_noise_level_beyond_ten_times_is_the_models_fault_but_not_the_winds():
 
 
 def test_a_quiet_first_window_does_not_take_its_guesses_of_the_offsets_for_information():
-    """The transient that the misalignment makes tells of a6 before the first manoeuvre of `constant`.  With the
-    attitude's bias beside the true theta a6 was 2.4 of its standard deviations off (RMS of 100 flights), 12 at most."""
+    """The transient that the misalignment makes tells of a6 before the first manoeuvre of `constant`."""
     declared = dataclasses.replace(CALM, offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005))
     far = []
     for seed in range(24):

@@ -21,7 +21,7 @@ from launchid_core.algebra.sparse import (
 )
 from launchid_core.order.table import SPARSE, WHOLE
 
-factor_whole, refit = map(unjitted, (sparse.factor_whole, sparse.refit))
+factor_whole = unjitted(sparse.factor_whole)
 solve_stls, solve_ssr, solve_own, solve_lasso, solve_sr3 = map(unjitted, (
     sparse.solve_stls, sparse.solve_ssr, sparse.solve_own, sparse.solve_lasso, sparse.solve_sr3))
 

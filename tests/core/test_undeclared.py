@@ -122,7 +122,6 @@ def test_it_is_believed_again_when_the_wind_has_gone(name):
 
 @pytest.mark.parametrize("name", NOMINALS)
 def test_a_gust_is_no_chain_of_sudden_changes_that_the_tracked_estimate_follows(name):
-    """Three degrees for 6 s: a6 was tracked as gone, then as several times itself, each a valid change."""
     windows, _, _ = flown(name, "gust:angle=0.05,time=30,duration=6")
     nominal = load_nominal(name)
     _, k1 = parameters(nominal, np.array([w.t_end for w in windows]))
@@ -144,8 +143,6 @@ def test_what_contradicts_the_model_was_no_sudden_change(name, effect):
 
 @pytest.mark.parametrize(("name", "seed"), [("constant", 300006), ("constant", 300100), ("vega_like", 300018)])
 def test_a_loss_that_passed_for_wind_until_it_was_found_is_not_taken_back(name, seed):
-    """The wind that was learned in the tenth of a second before the alarm stood after it: `MODEL` followed two seconds
-    later."""
     nominal = load_nominal(name)
     duration, rng = nominal.simulation.duration, np.random.default_rng((734, seed))
     deviation, onset = 0.25 * rng.uniform(-1.0, 1.0, 2), rng.uniform(6.5, duration - 8.0)

@@ -180,7 +180,6 @@ def needs_scipy(function: ast.FunctionDef) -> list[str]:
 
 
 def test_no_kernel_needs_scipy():
-    """`plan` and `reproduce` ended in a traceback where the wheel stood alone: the bound multiplied by `@`."""
     nowhere(f"{name_of(path)}: {function.name}: {fault}" for path in CORE + SIM + GROUND for function in kernels(path)
             for fault in needs_scipy(function))
 

@@ -24,7 +24,7 @@ from launchid.bound.world import (
 from launchid.test_input import plan
 from sim.errors import InputError
 from sim.flight import fly_whole
-from sim.nominal import Drift, Multisine, Nominal, Offsets, Wind, load_nominal
+from sim.nominal import Drift, Nominal, Offsets, Wind, load_nominal
 
 linalg = pytest.importorskip("scipy.linalg")
 
@@ -203,42 +203,6 @@ def test_larger_nuisances_never_lower_the_bound():
         bound = bounds_of(without_offset(table), 10.0)
         found.append([bound.a6, bound.k1])
     assert (np.diff(np.array(found), axis=0) > 0.0).all()
-
-
-# ---- numbers
-
-
-def excited(nominal: Nominal) -> Nominal:
-    """The nominal with a multisine of 0.5 deg rms on the command."""
-    tones = (1.5, 3.1, 5.0, 7.2, 9.9, 13.0)
-    phase = tuple(-np.pi * k * (k + 1) / 6 for k in range(6))
-    return dataclasses.replace(nominal, test_input=Multisine(
-        start=0.0, duration=nominal.simulation.duration, frequency=tones, phase=phase,
-        amplitude=(np.deg2rad(0.5) * np.sqrt(1 / 3),) * 6))
-
-
-@pytest.mark.parametrize(("name", "window", "air", "a6", "k1"), [
-    ("constant", 5.0, "calm", 4.2, 4.2), ("constant", 5.0, "offsets", 5.0, 4.8),
-    ("constant", 5.0, "wind", 47.0, 8.5), ("constant", 5.0, "excited", 28.0, 1.3),
-    ("vega_like", 10.0, "wind", 44.0, 3.9), ("vega_like", 10.0, "offsets", 4.0, 1.4),
-    ("greensite_cr826", 10.0, "excited", 32.0, 1.0), *(pytest.param(*each, marks=pytest.mark.campaign) for each in (
-        ("constant", 10.0, "calm", 1.4, 1.4), ("constant", 10.0, "offsets", 1.4, 1.3),
-        ("constant", 10.0, "wind", 25.0, 5.8), ("constant", 10.0, "excited", 17.0, 0.9),
-        ("vega_like", 10.0, "calm", 1.5, 1.5), ("vega_like", 10.0, "excited", 28.0, 0.9),
-        ("greensite_cr826", 10.0, "offsets", 7.0, 1.7)))])
-def test_median_bounds_of_the_built_in_vehicles_in_per_cent(name, window, air, a6, k1):
-    """The numbers are of an independent filter over simulated flights; medians of few windows, and other tones: within
-    a third.
-
-    With unknown offsets those of vega_like and greensite_cr826 are of the likelihood's curvature: the gain's derivative
-    left out, they would be 2.3 and 3.6 % (a6).
-    """
-    nominal = load_nominal(name)
-    if air != "calm":
-        nominal = dataclasses.replace(nominal, offsets=UNSURE, wind=None if air == "offsets" else WINDY)
-    bounds = [flight_bound(excited(nominal) if air == "excited" else nominal, window, seed) for seed in range(4)]
-    assert 100 * np.median(np.concatenate([bound.a6 for bound in bounds])) == pytest.approx(a6, rel=0.33)
-    assert 100 * np.median(np.concatenate([bound.k1 for bound in bounds])) == pytest.approx(k1, rel=0.4)
 
 
 # ---- servo, flight path

@@ -59,7 +59,6 @@ def test_without_friction_the_second_log_is_refused():
 
 @pytest.mark.parametrize("window", ["all", "5", "2"])
 def test_without_friction_the_friction_is_named(real_logs, capsys, window):
-    """A delay explains the same rows, and who shifted beta by it got an OK a6 17 % off."""
     assert main(["identify", str(real_logs / "dfki_pendulum_ddp.csv"), "--library", WITHOUT, "--window", window,
                  "--json", "-"]) == 0
     said = json.loads(capsys.readouterr().out)

@@ -202,7 +202,6 @@ UNSCALED = [("vega_like", effect, None) for effect in (
 
 @pytest.mark.parametrize(("name", "effect", "scale"), [*SCALED, *UNSCALED])
 def test_a_gyro_whose_scale_is_not_the_attitude_s_is_told(name, effect, scale):
-    """A scale that is 5 % off put k1 46 standard deviations off, and valid, without a nominal."""
     log = flown_log(fly_whole(short(name), 3, effects=[from_text(effect)] if effect else []))
     said = [fault.message for fault in faults(log, None)]
     assert len(said) == (scale is not None)

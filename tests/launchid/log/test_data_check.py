@@ -257,19 +257,6 @@ def test_spike(name, seed, channel, sigmas, up, place):
     assert np.flatnonzero(~found.masks[channel]).tolist() == [row]
 
 
-@SOME
-@given(NAMES, SEEDS, SENSED, st.integers(0, 99))
-def test_many_spikes(name, seed, channel, draw):
-    log = flown(name, seed)
-    rng = np.random.default_rng(draw)
-    rows = 20 * rng.choice(len(log.t) // 20 - 1, 30, replace=False) + 10
-    x = getattr(log, channel).copy()
-    x[rows] += STD[channel] * rng.uniform(35.0, 1000.0, 30) * rng.choice((-1.0, 1.0), 30)
-    found = check(changed(log, **{channel: x}), nominal(name))
-    assert kinds(found) == [("spike", channel)]
-    assert np.flatnonzero(~found.masks[channel]).tolist() == sorted(rows)
-
-
 @pytest.mark.parametrize("channel", ["theta", "theta_dot", "beta", "beta_cmd", "theta_ref"])
 @pytest.mark.parametrize("value", [np.inf, -np.inf, 1e30, -99999.0])
 def test_range(channel, value):
@@ -295,16 +282,6 @@ def test_stamps_repeated_backward_missing_nonfinite(seed, row):
         assert kinds(found) == [("stamps", "t")] and word in messages(found)
         assert found.faults[0].rows == 1
         assert np.flatnonzero(~found.usable).tolist() == ([] if place is None else [place])
-
-
-@SOME
-@given(SEEDS, st.integers(5, 3900), st.integers(2, 50), st.floats(0.0, 0.2))
-def test_a_gap_of_several_rows_shows_through_jitter(seed, row, count, jitter):
-    log = flown("constant", seed)
-    jittered = log.t + 0.01 * jitter * np.random.default_rng(row).uniform(-1.0, 1.0, len(log.t))
-    found = check(kept(changed(log, t=jittered), np.delete(np.arange(len(log.t)), np.arange(row, row + count))),
-                  nominal("constant"))
-    assert kinds(found) == [("stamps", "t")] and abs(found.faults[0].rows - count) <= 1
 
 
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True), max_size=30))

@@ -16,9 +16,8 @@ from pathlib import Path
 import pytest
 
 from launchid.cli.main import main
-from launchid.log.log import read_log
 from sim.errors import InputError
-from sim.files import atomic_path, check_output, inputs_spared, reads, remove, write_text
+from sim.files import atomic_path, check_output, write_text
 from sim.nominal import built_in, load_nominal, write_nominal
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -270,18 +269,6 @@ def test_neither_nominal_nor_its_profile_is_an_output(tmp_path, capsys):
         assert path.read_bytes() == before and "input" in capsys.readouterr().err
 
 
-def test_from_python_a_file_may_be_read_and_written(log):
-    read_log(log)
-    write_text(log, ["mine\n"])
-    with inputs_spared():
-        reads(log)
-        with pytest.raises(InputError, match="input"):
-            remove(log)
-    remove(log)
-    remove(log)
-    assert not log.exists()
-
-
 # ---- what a killed run leaves
 
 
@@ -361,12 +348,6 @@ def test_two_at_once_leave_one_whole(tmp_path):
         if path.exists():
             assert len(set(path.read_text())) == 1
         time.sleep(0.001)
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_name_as_long_as_may_be_is_written(tmp_path):
-    path = tmp_path / ("é" * 120)
-    write_text(path, ["x"])
     assert list(tmp_path.iterdir()) == [path]
 
 

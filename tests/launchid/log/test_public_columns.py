@@ -70,7 +70,6 @@ def test_all_commands():
 
 @pytest.mark.parametrize("every", [25, 2])
 def test_a_command_between_whose_values_lines_were_drawn_gives_no_number(every):
-    """The windows were OK, 13 and 6 standard deviations off, without a word."""
     flight = flown(SEED)
     for window in ("all", 2.0):
         made, said = asked(flight | {"beta": slower(flight["beta"], every, INTERPOLATED)}, window)
@@ -82,7 +81,6 @@ def test_a_command_between_whose_values_lines_were_drawn_gives_no_number(every):
 
 @pytest.mark.parametrize("every", [25, 5])
 def test_a_command_of_a_slower_topic_is_said_and_its_numbers_know_of_it(every):
-    """The column had "froze": a topic that is slower than what it is of is half its period late."""
     flight = flown(SEED)
     for window in ("all", 2.0):
         made, said = asked(flight | {"beta": slower(flight["beta"], every, HELD)}, window)
@@ -155,7 +153,6 @@ def test_what_is_of_the_log_s_own_rate(x):
 
 @pytest.mark.parametrize("share", [0.5, 0.9])
 def test_a_clipped_gyro_is_told_from_its_column(share):
-    """The window was OK, 3 to 10 standard deviations off."""
     flight = flown(SEED, seconds=20.0)
     stop = share * np.max(np.abs(flight["theta_dot"]))
     made, said = asked(flight | {"theta_dot": np.clip(flight["theta_dot"], -stop, stop)})

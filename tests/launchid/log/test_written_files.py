@@ -212,14 +212,6 @@ def test_a_file_in_place_of_itself_and_profiles_by_their_way_from_the_new_folder
     assert rewritten(dataclasses.replace(nominal, test_input=SINES), own).startswith(text)
 
 
-def test_no_empty_diagnosis_and_none_of_ones_own_is_lost(own, tmp_path):
-    write_nominal(load_nominal(own), tmp_path / "plain.toml")
-    assert "[diagnosis]" not in (tmp_path / "plain.toml").read_text()
-    own.write_text(OWN + "[diagnosis]\ntolerance = 0.02  # as always\n")
-    nominal = dataclasses.replace(load_nominal(own), test_input=SINES)
-    assert "[diagnosis]\ntolerance = 0.02  # as always\n" in rewritten(nominal, tmp_path / "new.toml")
-
-
 def test_a_source_that_is_gone_is_written_anew_and_says_so(own, tmp_path):
     nominal = load_nominal(own)
     own.unlink()

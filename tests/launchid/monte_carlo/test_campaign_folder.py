@@ -234,23 +234,6 @@ def test_a_damaged_journal_is_one_line(place, capsys):
         assert files(place / "begun") == before, damage
 
 
-# ---- parts
-
-
-def test_a_part_s_definition_does_not_make_its_flights_others(place, capsys):
-    """Flights of the seeds 0 to 29, called those of 30 to 59: the vehicles are not drawn so."""
-    path = place / "whole" / CAMPAIGN
-    path.write_bytes(replaced("seed", N)(path.read_bytes()))
-    table = place / "whole" / FLIGHTS
-    assert "not the flight of seed 30" in refused(capsys, place, "--merge", str(place / "whole"), "--out",
-                                                  str(place / "merged"))
-    renamed = table.read_bytes().splitlines(keepends=True)
-    table.write_bytes(b"".join([renamed[0], *(b"%d," % (N + k) + row.split(b",", 1)[1] for k, row in
-                                              enumerate(renamed[1:]))]))
-    assert "line 2: not the flight of seed 30" in refused(capsys, place, "--merge", str(place / "whole"), "--out",
-                                                          str(place / "merged"))
-
-
 # ---- one run at a time
 
 
@@ -266,16 +249,6 @@ def test_a_folder_in_use_is_one_line_for_each_who_would_write(place, capsys):
                 "folder")
             assert files(place / name) == {**before, LOCK: b""}
         assert files(place / name) == before, "the lock's file goes with the run"
-
-
-@pytest.mark.skipif(os.name != "posix", reason="symbolic links, modes")
-def test_a_lock_that_cannot_be_taken_is_one_line(place, capsys):
-    lock = place / "whole" / LOCK
-    for make, unmake in ((lock.mkdir, lock.rmdir), (lambda: lock.symlink_to(place / "n.toml"), lock.unlink)):
-        make()
-        assert f"{LOCK}: cannot be written" in refused(capsys, place, *again(place, "whole"))
-        unmake()
-    assert (place / "n.toml").stat().st_size > 0
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")

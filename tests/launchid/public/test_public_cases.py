@@ -115,7 +115,6 @@ def test_the_first_nominal_uses_gamma():
 
 
 def test_a_trim_is_found_by_a_library_that_has_it_and_named_by_one_that_has_not():
-    """A threshold of 0.5 in the unit of each coefficient cut the trim, and the reason given was another."""
     flight = flights.fly(16.0, moment=0.45)
     made = asked(flight, library="linear")
     window, = made.report["windows"]
@@ -166,7 +165,6 @@ def test_a_vehicle_whose_damping_is_missing():
 
 
 def test_a_nozzle_whose_inertia_is_missing():
-    """OK a6 -255 +- 24 for 23.6, and a first nominal with such numbers."""
     flight = flights.tail_wags_dog()
     made = asked(flight)
     assert statuses(made) == ["MODEL"] and lacks(made)[0] == "beta_ddot" and "nozzle_inertia" in made.summary()
@@ -239,7 +237,6 @@ def test_a_loop_that_nothing_moves_but_noise_has_no_valid_window():
 
 
 def test_no_window_without_an_active_term_in_theta_or_beta_is_ok():
-    """A stand that nothing moves: OK, with no term at all and k1 0 +- 0.03."""
     rng, t = np.random.default_rng(0), np.arange(0.0, 10.0, 0.01)
     made = asked({"t": t, "theta": 1e-4 * rng.normal(size=1000), "theta_dot": 1e-3 * rng.normal(size=1000),
                   "beta": 1e-3 * rng.normal(size=1000)}, 5.0, library="sin(theta),beta", threshold=0.5)

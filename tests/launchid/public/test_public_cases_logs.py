@@ -58,7 +58,6 @@ UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9, "row numb
 
 @pytest.mark.parametrize("unit", UNITS)
 def test_a_t_in_another_unit_is_said_with_that_unit_by_every_command(plain, tmp_path, capsys, unit):
-    """Milliseconds gave OK, 0.0020 +- 0.0000093; row numbers were degrees; `nominal` ran for two minutes."""
     path = tmp_path / "log.csv"
     write_columns(path, times(plain, t=UNITS[unit]))
     for command in (["identify", path], ["identify", path, "--strict"], ["nominal", path, "--out", tmp_path / "n.toml"],
@@ -112,7 +111,6 @@ def test_a_clock_that_is_reset_once_is_not_out_of_order(plain):
 
 
 def test_an_origin_far_from_the_profile_s_is_said_and_strict_refuses_it():
-    """15 of 16 windows were MODEL, and wind was to be declared."""
     nominal = short("vega_like")
     log = flown_log(fly_whole(nominal, 1))
     assert faults(log, nominal) == ()
@@ -133,7 +131,6 @@ def test_an_origin_far_from_the_profile_s_is_said_and_strict_refuses_it():
                                      ("theta", "theta_dot", "beta", "beta_cmd", "theta_ref"), ("theta", "beta")])
 @pytest.mark.parametrize(("name", "period"), zip(BUILT_IN, (0.01, 0.02, 0.02), strict=True))
 def test_all_angles_in_degrees_are_told_as_all(name, period, columns):
-    """There was no warning at 50 Hz; with theta_ref there was one of it alone, and wind was to be declared."""
     nominal = short(name, period=period)
     log = flown_log(fly_whole(nominal, 2)).measured()
     said = faults(log_of({"t": log["t"], **{column: log[column] / DEGREE for column in columns}}), nominal)
@@ -190,7 +187,6 @@ def of_two_devices(plain: Columns) -> Columns:
 
 @pytest.mark.parametrize("case", ["rolling", "two devices"])
 def test_no_window_of_a_body_that_turns_about_other_axes_is_valid(plain, case):
-    """One window was OK: a6 -0.00021 +- 0.00043; `nominal` said k1 5.56e+06 +- 2.4e+07."""
     log = log_of(rolling(math.radians(40.0)) if case == "rolling" else of_two_devices(plain))
     answer = identify(log, window=4.0)
     assert {w["status"] for w in answer.report["windows"]} == {"MODEL"}
@@ -257,7 +253,6 @@ def test_an_effect_that_begins_after_the_flight_and_rows_that_are_too_far_apart_
 
 
 def test_a_flight_is_fitted_once_and_few_say_so(tmp_path, capsys):
-    """One file three times was "range of 3 flights"; one flight had 100 % inside."""
     nominal = short("constant", 40.0)
     logs: list[Log] = []
     for seed in (1, 2, 3):

@@ -140,14 +140,6 @@ def test_a_model_without_sigma_has_no_level_and_the_same_estimates(constant):
     assert 0 < having.nbytes - without.nbytes < 500
 
 
-def test_a_sigma_over_time_is_read_at_the_windows_end(constant):
-    flight = fly_whole(constant, 3, a6_factor=1.1)
-    model = dataclasses.replace(ranged_model(constant), sigma_t=(0.0, 20.0), sigma_a6=(0.1, 0.3), sigma_k1=(0.2, 0.2))
-    for e in feed(model, flight)[0]:
-        sigma = 0.1 + 0.01 * e.t_end
-        assert e.uncertainty.a6.delta == pytest.approx((e.tracked.a6 / 2.0 - 1.0) / sigma, abs=1e-9)
-
-
 def test_before_anything_is_known_no_number_is_given(constant):
     estimator = Estimator(Config(formulation="filtered", model=ranged_model(constant)))
     still = [Sample(0.01 * k, NAN if k > 100 else 0.0, 0.0, 0.0) for k in range(101)]
@@ -232,15 +224,6 @@ def test_the_json_is_the_contracts(launchid, folder):
     assert result["windows"][-1]["a6"]["band"] == "out"
     status, again, _ = launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--window", "1", "--json", "-")
     assert again == out
-
-
-def test_the_terminal_names_another_factor(launchid, folder, tmp_path):
-    status, out, _ = launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--json", tmp_path / "u.json")
-    assert status == 0 and "a6 is out of its range since 0.00 s (alarm by " in out
-    assert "something other than dispersion acts, such as a fault or wind" in out
-    assert json.loads((tmp_path / "u.json").read_text(encoding="utf-8"))["windows"]
-    status, out, _ = launchid("uncertainty", folder / "in.csv", folder / "n.toml", "--window", "2")
-    assert status == 0 and "something other than dispersion" not in out and len(out.splitlines()) == 1 + 1 + 7 + 1
 
 
 @pytest.mark.parametrize(("nominal", "mentions"), [

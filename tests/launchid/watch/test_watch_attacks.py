@@ -5,7 +5,6 @@ import contextlib
 import http.client
 import itertools
 import math
-import os
 import resource
 import socket
 import sys
@@ -191,37 +190,7 @@ def test_it_begins_whatever_came_before(nominal, rows, quiet):
         assert is_right(follower.live.now, quiet), (name, follower.live.now, quiet)
 
 
-def test_nonsense_by_udp_then_a_flight(nominal, rows, quiet):
-    source = open_source("udp:0", once=True)
-    session = Session(source, nominal)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for first in (b"t,beta,theta\n1,2,3", HEADER, FIRST["equal"], FIRST["NaN"], FIRST["a second apart"],
-                      os.urandom(60_000), HEADER):
-            sender.sendto(first, ("127.0.0.1", port_of(source)))
-        session.until(lambda: session.state()["now"].get("rows", 0) >= 1 + 64 + 200 + 64)
-        before = session.state()["now"]["rows"]
-        assert session.state()["now"]["state"] == "waiting" and len(session.state()["now"]["notes"]) == 1
-        for k in range(0, len(rows), 50):
-            sender.sendto(b"".join(rows[k:k + 50]), ("127.0.0.1", port_of(source)))
-            session.until(lambda k=k: session.state()["now"]["rows"] >= before + k)  # type: ignore[misc]
-        sender.sendto(b"", ("127.0.0.1", port_of(source)))
-    made = session.result()
-    assert made.report["rows"]["read"] == before + len(rows) and made.report["rows"]["malformed"] > 0
-    last = made.report["windows"][-1]["tracked"]
-    assert is_right({"tracked": last}, quiet)
-
-
-def test_the_data_check_is_of_the_rows_after_the_last_header(nominal, rows):
-    """One row under another header does not keep it waiting: beta of the other sign is said."""
-    turned = [b",".join([*cells[:3], repr(-float(cells[3])).encode(), repr(-float(cells[4])).encode()]) + b"\n"
-              for cells in (row.split(b",") for row in rows)]
-    for first in (b"", b"t,theta,beta,gamma\n0,0,0,0\n"):
-        follower = followed(nominal, first, HEADER, *turned)
-        assert [note for note in follower._notes if "the data check" in note and "beta" in note], first
-
-
 def test_rows_that_say_no_rate_take_no_memory_and_no_time(nominal):
-    """A window of 100 s at a microsecond were 9 GB."""
     follower, lines = Follower("udp:1", nominal, window=100.0), Lines("udp:1", False, lambda text: None)
     assert list(lines.logs(HEADER)) == []
     for row, alone in ((b"nan,0,0,0,0\n", MOST_WAITING + 100), (b"1,0,0,0,0\n", 100)):
