@@ -130,10 +130,10 @@ def test_a_gust_is_no_chain_of_sudden_changes_that_the_tracked_estimate_follows(
     assert sum(wrong) <= 1 and windows[-1].tracked.valid
 
 
-@pytest.mark.parametrize(("name", "effect"), zip(NOMINALS * 2, (
+@pytest.mark.parametrize(("name", "effect"), [*zip(NOMINALS * 2, (
     "steady_wind:angle=0.03", "thrust_misalignment:angle=0.004", "attitude_bias:angle=0.005",
     "gust:angle=0.05,time=30,duration=6", "periodic_disturbance:amplitude=0.01,frequency=5",
-    "bending:gain=0.1,frequency=15"), strict=True))
+    "bending:gain=0.1,frequency=15"), strict=True)])
 def test_what_contradicts_the_model_was_no_sudden_change(name, effect):
     """Each raises an alarm before it contradicts; what is asked for afterwards holds none, and counts them."""
     estimator = sudden(name, effect)
@@ -153,7 +153,7 @@ def test_a_loss_that_passed_for_wind_until_it_was_found_is_not_taken_back(name, 
     assert estimator.counts["CHANGE_WITHDRAWN"] == 0
 
 
-@pytest.mark.parametrize(("name", "fraction"), zip(NOMINALS, (0.15, 0.3, 0.7), strict=True))
+@pytest.mark.parametrize(("name", "fraction"), [*zip(NOMINALS, (0.15, 0.3, 0.7), strict=True)])
 def test_a_loss_of_control_is_one_and_stays_one(name, fraction):
     estimator = sudden(name, f"control_loss:fraction={fraction},time=33")
     assert any(change.parameter == "k1" and abs(change.t - 33.0) < 0.2 for change in estimator.changes())

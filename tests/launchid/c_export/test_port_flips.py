@@ -49,7 +49,7 @@ def assert_held(found: dict[str, int], flips: int) -> None:
 @needs_compiler
 @pytest.mark.parametrize("name", ["filtered", pytest.param("integral", marks=pytest.mark.campaign)])
 def test_a_flipped_bit_is_found_or_forgotten(name, tmp_path):
-    assert_held(fates(tmp_path, FLIPPED[name], 2000, ("-O0", *SANE)), 2000)
+    assert_held(fates(tmp_path, FLIPPED[name], 1000, ("-O0", *SANE)), 1000)
 
 
 @needs_compiler

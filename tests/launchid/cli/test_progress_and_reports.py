@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
@@ -137,8 +138,11 @@ def test_a_report_cannot_be_written_into_a_file(log, tmp_path, capsys):
 
 def test_a_diagnosis_holds_the_log_beside_the_nominal_and_its_extension(tmp_path):
     pytest.importorskip("matplotlib")
-    flight = launchid.simulate("constant", seed=4, effects="control_loss:fraction=0.3,time=30")
-    launchid.diagnose(flight, "constant").write_report(tmp_path)
+    nominal = load_nominal("constant")
+    assert nominal.simulation is not None
+    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=20.0))
+    flight = launchid.simulate(nominal, seed=4, effects="control_loss:fraction=0.4,time=10")
+    launchid.diagnose(flight, nominal).write_report(tmp_path)
     words = page_of(tmp_path / "report.html").words
     assert "Measured beside simulated" in words and {"constant", "extension"} <= set(words)
     assert (tmp_path / "comparison.png").exists() and (tmp_path / "responses.png").exists()

@@ -272,6 +272,7 @@ def cluster() -> Iterator[object]:
         yield client
 
 
+@pytest.mark.campaign
 def test_dask_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path, reference, cluster):
     folder = tmp_path / "marks"
     folder.mkdir()

@@ -129,7 +129,7 @@ def test_an_origin_far_from_the_profile_s_is_said_and_strict_refuses_it():
 
 @pytest.mark.parametrize("columns", [("theta", "theta_dot", "beta", "beta_cmd"),
                                      ("theta", "theta_dot", "beta", "beta_cmd", "theta_ref"), ("theta", "beta")])
-@pytest.mark.parametrize(("name", "period"), zip(BUILT_IN, (0.01, 0.02, 0.02), strict=True))
+@pytest.mark.parametrize(("name", "period"), [*zip(BUILT_IN, (0.01, 0.02, 0.02), strict=True)])
 def test_all_angles_in_degrees_are_told_as_all(name, period, columns):
     nominal = short(name, period=period)
     log = flown_log(fly_whole(nominal, 2)).measured()

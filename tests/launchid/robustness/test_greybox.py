@@ -68,6 +68,7 @@ def flown() -> tuple[list[Log], np.ndarray]:
             in enumerate(dispersion(nominal, *each) for each in delta)], delta
 
 
+@pytest.mark.campaign
 def test_thirty_flights_give_a_range_that_holds_them(flown, tmp_path):
     logs, delta = flown
     made = launchid.fit_lft(logs, "constant")
