@@ -89,11 +89,6 @@ def test_segments_are_numbered_in_order_and_their_gaps_counted(steps, max_steps)
 # ---------------------------------------------------------------- degenerate cases
 
 
-def test_segment_of_one_row_has_no_slope():
-    slope = slopes([0.0, 10.0, 10.5, 20.0], [1.0, 2.0, 4.0, 7.0])
-    assert np.array_equal(slope, [np.nan, 4.0, 4.0, np.nan], equal_nan=True)
-
-
 def test_a_step_of_exactly_the_largest_gap_is_none():
     segment = np.zeros(3, np.int64)
     assert mark_segments(np.array([0.0, 0.5, 1.25]), 3, 0.5, segment) == 1
@@ -137,9 +132,3 @@ def test_what_the_fifth_point_adds_is_the_difference_from_the_cubic():
     differentiate(time, x, 5, np.zeros(5, np.int64), slope, fifth)
     cubic = np.polyder(np.poly1d(np.polyfit(time[:4], x[:4], 3)))
     assert fifth[2] == pytest.approx(slope[2] - cubic(2.0), rel=1e-9)
-
-
-def test_a_short_segment_has_no_fifth_point():
-    fifth = np.full(4, 7.0)
-    differentiate(np.arange(4.0), np.arange(4.0) ** 3, 4, np.zeros(4, np.int64), np.empty(4), fifth)
-    assert fifth.tolist() == [0.0] * 4

@@ -14,19 +14,15 @@ import numpy as np
 import pytest
 from cut import flip, persisting
 from sealed import reseal
-from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core.gate import ring as rb
-from launchid_core.order import onboard as ob
 from launchid_core.order.memory import named_arrays
-from launchid_core.watch import tracker as tr
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 from sim.sections import Offsets, Wind
 
-is_sound = unjitted(ob.is_sound)
 NAN, INF = math.nan, math.inf
 PERIOD = 0.01
 CONSTANT = load_nominal("constant")
@@ -512,29 +508,6 @@ def test_a_bad_sample_does_not_begin_anew():
     assert one.update(Sample(NAN, 0.0, 0.0, 0.0)) is Status.NONFINITE
     assert one.update(flight()[155]) is Status.RECOVERED
     assert one.counts["NONFINITE"] == one.counts["RECOVERED"] == 1
-
-
-def test_what_cannot_be_is_not_sound_each_by_itself():
-    """A variance of 0 is (a known parameter), one below is not; nor is anything that is no number, nor a noise level
-    1e10 times the declared."""
-    parts = fly(config("filtered"), flight()[:155]).estimator._parts
-    size, fil, total = parts.fixed.belief.size, parts.state.filter, parts.state.bank.total
-    assert is_sound(size, fil, total)
-    for array in (fil.x, fil.p, fil.level, total):
-        for place in np.ndindex(array.shape):
-            kept = array[place]
-            array[place] = NAN
-            assert not is_sound(size, fil, total), place
-            array[place] = kept
-    for place in (tr.VAR_A6, tr.VAR_K1):
-        for value, sound in ((0.0, True), (-1e-12, False)):
-            kept, total[place] = total[place], value
-            assert is_sound(size, fil, total) == sound
-            total[place] = kept
-    for place in range(len(fil.level)):
-        fil.level[place] = -math.log(1e10)
-        assert not is_sound(size, fil, total)
-        fil.level[place] = 0.0
 
 
 @pytest.mark.parametrize("part", ["x", "p", "level"])

@@ -62,24 +62,6 @@ def test_first_order_servo_is_the_exponential(time_constant):
     assert np.allclose(flight.beta, 0.01 * (1 - np.exp(-flight.t / time_constant)), rtol=0.0, atol=RUNGE_KUTTA)
 
 
-@pytest.mark.parametrize(("scale", "lag"), [(0.5, 0.0), (2.0, 0.0), (0.5, 1.0), (0.4, 0.3)])
-def test_bandwidth_scales_one_over_the_time_constant(scale, lag):
-    """A ramp is as late with the lag's share before the servo, T/scale."""
-    flight = fly_whole(held_command(LAG, 2.0), 0, "ideal",
-                       effects=[from_text(f"actuator_bandwidth:scale={scale},lag={lag}")])
-    late = np.trapezoid(0.01 - flight.beta, flight.t) / 0.01
-    assert late == pytest.approx(0.04 / scale, rel=2e-3)
-    if lag == 0.0:
-        assert np.allclose(flight.beta, 0.01 * (1 - np.exp(-flight.t * scale / 0.04)), rtol=0.0, atol=RUNGE_KUTTA)
-
-
-def test_rate_limit_clips_the_first_order_rate():
-    flight = fly_whole(held_command(LAG, 2.0), 0, "ideal", effects=[from_text("actuator_rate_limit:rate=0.02")])
-    rate = np.diff(flight.beta) / 0.001
-    assert rate.max() == pytest.approx(0.02, rel=1e-9) and np.sum(rate > 0.0199) > 400
-    assert flight.beta.max() <= 0.01 and flight.beta[-1] == pytest.approx(0.01, abs=1e-5)
-
-
 @pytest.mark.parametrize("text", ["actuator_delay:delay=0.02", "actuator_gain:scale=0.9", "actuator_bias:angle=0.01",
                                   "actuator_backlash:half_width=0.002", "actuator_rate_limit:rate=0.02,wind_up=0.5"])
 def test_other_effects_act_on_it(text):
@@ -233,11 +215,6 @@ damping_ratio = 0.7
     controller = load_nominal(tmp_path / "n.toml").controller
     assert controller.filters == (NOTCH, Section((0.5, 0.0, 0.0), (1.0, -0.5, 0.0)), LOWPASS)
     assert (controller.ki, controller.kd, controller.is_rate_law) == (0.5, 0.0, True)
-
-
-def test_attitude_reference_is_0_where_the_rate_law_has_its_own(tmp_path):
-    (tmp_path / "n.toml").write_text(LAUNCHER + PI + "[guidance]\nt = [0, 1]\nrate_ref = [0.1, 0.2]\n")
-    assert load_nominal(tmp_path / "n.toml").guidance == Guidance((0.0, 1.0), (0.0, 0.0), (0.1, 0.2))
 
 
 def filter_of(text: str) -> str:

@@ -516,12 +516,6 @@ def test_wrong_terms_are_named(tmp_path, terms, expected):
     assert expected in str(caught.value) and len(str(caught.value).splitlines()) == 1
 
 
-def test_terms_exclude_numbers(tmp_path):
-    text = CONSTANT_TEXT.replace("a6 = 2.0 ", "a6 = 2.0\nterms = {theta = 1.0} # ")
-    with pytest.raises(InputError, match="one or the other"):
-        load_nominal(file_with(tmp_path, "", text))
-
-
 def assert_same(a: Nominal, b: Nominal) -> None:
     for f in dataclasses.fields(Nominal):
         one, other = getattr(a, f.name), getattr(b, f.name)

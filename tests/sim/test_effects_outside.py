@@ -86,15 +86,6 @@ def test_lateral_drift_is_the_nominal_s_drift_without_its_column():
     assert np.isnan(hidden.gamma).all() and np.isfinite(known.gamma).all()   # what nobody knows is not logged
 
 
-def test_lateral_drift_adds_to_the_nominal_s():
-    third = effect("lateral_drift", z_alpha=0.025, z_beta=0.0125)
-    parts = fly_whole(short(drift=constant_drift(0.05, 0.025)), 3, effects=[third, third])
-    whole = fly_whole(short(drift=constant_drift(0.1, 0.05)), 3)
-    assert bits(parts) == bits(whole) and np.isfinite(parts.gamma).all()
-    none = effect("lateral_drift", z_alpha=0, z_beta=0)
-    assert bits(fly_whole(short(drift=constant_drift(0.1, 0.05)), 3, effects=[none])) == bits(whole)
-
-
 def test_lateral_drift_is_its_equations_of_motion():
     flight = fly_whole(probed(), 0, "ideal", effects=[effect("lateral_drift", z_alpha=0.4, z_beta=-0.3)])
     beta = CubicSpline(flight.t, flight.beta)

@@ -20,7 +20,6 @@ from sim.flight import SUITES, Flight, dispersion, fly, fly_whole, noise
 from sim.nominal import BUILT_IN, Nominal, Profile, built_in, load_nominal
 from sim.sections import Section
 from sim.vehicle.actuator import delayed_command
-from sim.vehicle.controller import pseudo_derivative
 from sim.vehicle.record import NOISE, SECTION, TICK, Vehicle, assembled
 from sim.vehicle.step import runge_kutta_4
 
@@ -217,13 +216,6 @@ def test_command_is_held_over_the_controller_s_period():
     held = flight.beta_cmd.reshape(-1, 10)
     assert (held == held[:, :1]).all()
     assert len(np.unique(held[:, 0])) > 150
-
-
-def test_pseudo_derivative_of_a_ramp_tends_to_its_slope():
-    derivative = 0.0
-    for k in range(1, 400):
-        derivative = unjitted(pseudo_derivative)(0.05, 0.01, 0.3 * 0.01 * k, 0.3 * 0.01 * (k - 1), derivative)
-    assert derivative == pytest.approx(0.3, rel=1e-12)
 
 
 # ---- the actuator's delay

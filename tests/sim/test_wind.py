@@ -91,13 +91,6 @@ def test_offsets_have_their_sigma_and_no_correlation():
     assert np.max(np.abs(np.corrcoef(drawn.T) - np.eye(5))) < 5 / math.sqrt(3000)
 
 
-def test_forecast_is_linear_between_nodes_and_held_beyond():
-    forecast = Forecast(np.array([1.0, 3.0]), np.array([0.0, 0.04]))
-    assert forecast.at(np.array([0.0, 1.5, 2.0, 9.0])).tolist() == [0.0, 0.01, 0.02, 0.04]
-    flight = fly_whole(short(wind=Wind(profile=forecast)))
-    assert np.allclose(flight.wind, forecast.at(flight.t), rtol=0.0, atol=1e-15)
-
-
 # ---- where they vanish
 
 

@@ -128,31 +128,6 @@ def test_predictions_are_the_equations_solution():
         assert each.ceiling > 99.0  # of no noise
 
 
-def test_too_few_predictions_have_no_fit():
-    few, enough = (rs.Predicted(1.0, *[np.linspace(1.0, 2.0, n)] * 5, np.zeros((n, rs.DRAWS)))
-                   for n in (rs.FEWEST - 1, rs.FEWEST))
-    assert np.isnan([*few.fits, few.ceiling]).all() and (*enough.fits, enough.ceiling) == (100.0, 100.0, 100.0)
-
-
-def truth(identification: Identification) -> list:
-    """The windows with the nominal's own a6 and k1."""
-    a6, k1 = identification.nominal.vehicle.at(np.zeros(1))
-    return [replace(each, xi=np.array([[0.0, a6[0] if term == "theta" else k1[0], 0.0] for term in each.terms]),
-                    support=np.array([[False, True, False]] * len(each.terms))) for each in identification.estimates]
-
-
-@pytest.mark.parametrize("has_rate", [True, False])
-def test_a_true_model_s_fit_is_what_noise_alone_leaves(identification, has_rate):
-    """The law holds where a quarter of the change is noise, and where a tenth is; a rate that is the attitude's slope
-    too."""
-    rate = identification.log.theta_dot if has_rate else np.full(len(identification.log.t), np.nan)
-    found = rs.residuals(replace(identification.log, theta_dot=rate), truth(identification), identification.nominal)
-    for each in found.predicted[:2]:
-        error = [1.0 - fit / 100.0 for fit in (each.fits[0], each.ceiling)]
-        assert error[1] == pytest.approx(error[0], rel=0.2)
-    assert np.std(found.noise) == pytest.approx(np.std(found.residual), rel=0.2)
-
-
 def test_the_command_draws_them_and_refuses_in_one_line(identification, tmp_path, capsys):
     nominal = replace(load_nominal(built_in("constant")))
     nominal = replace(nominal, simulation=replace(nominal.simulation, duration=6.0))

@@ -84,17 +84,6 @@ def test_whitened_innovations_of_the_truth_are_white(clean):
         assert abs(np.corrcoef(x[1:], x[:-1])[0, 1]) < 0.08
 
 
-def test_a_response_is_the_slope_of_the_innovations(clean):
-    clean.white(clean.null)
-    before = clean.white(clean.null, frozen=True)
-    p = clean.null.copy()
-    p[clean.index("misalignment")] += 1e-4
-    slope = (clean.white(p, frozen=True) - before) / 1e-4
-    none = np.zeros(clean.n)
-    told = clean.respond(clean.track.k1, none, np.zeros((clean.n, 3)))
-    assert np.linalg.norm(told - slope) < 0.02 * np.linalg.norm(slope)
-
-
 def test_every_listed_cause_of_the_table_is_in_the_catalogue(clean):
     causes = {each.cause for each in (*clean.numbers, *KINDS)} - {""}
     assert causes <= set(CATALOGUE)
