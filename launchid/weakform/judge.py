@@ -34,6 +34,7 @@ RUNS = 3.0           # times its fast part, that all of theta is where it runs a
 LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
 MOST_DELAY = 0.3     # s either way
 DELAY_STEP = 0.0125  # s of the first search
+FEWEST_CLOCK = 6     # pieces that say when beta acts, for a clock that runs slow
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
 SAME_INPUT = 0.9     # |correlation| of a shifted beta with itself: an input that repeats is no placebo
 BEYOND = 0.5         # of the likelihood that beta gains, that the best placebo must not
@@ -335,40 +336,50 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
     in no term, or the best shift is at the end of the search."""
     if not any("beta" in term for term in terms):
         return None
-
-    def left(lead: float, of: slice) -> float:
-        return sum(piece.unexplained(piece.shifted(terms, lead)) for piece in pieces[of])
-
     grid = DELAY_STEP * np.arange(-round(MOST_DELAY / DELAY_STEP), round(MOST_DELAY / DELAY_STEP) + 1)
     at = np.array([[piece.unexplained(piece.shifted(terms, lead)) for piece in pieces] for lead in grid.tolist()])
-
-    def best(of: slice) -> tuple[float, float] | None:
-        k = int(np.argmin(np.sum(at[:, of], axis=1)))
-        if not 0 < k < len(grid) - 1:
-            return None
-        value, std = float(grid[k]), None
-        for step in (DELAY_STEP, 0.25 * DELAY_STEP, 0.1 * DELAY_STEP):
-            low, middle, high = (left(value + side * step, of) for side in (-1, 0, 1))
-            bend = low - 2.0 * middle + high
-            if not bend > 0.0:   # flatter than the numbers' own error
-                break
-            value += step * float(np.clip(0.5 * (low - high) / bend, -1.0, 1.0))
-            std = step * math.sqrt(2.0 / bend)
-        return None if std is None else (value, std)
-
-    whole = best(slice(None))
-    if whole is None:
+    k = int(np.argmin(np.sum(at, axis=1)))
+    if not 0 < k < len(grid) - 1:
         return None
-    if len(pieces) >= 6:
-        third = len(pieces) // 3
-        first, last = best(slice(third)), best(slice(-third, None))
-        if first is not None and last is not None:
-            off = last[0] - first[0]
-            if abs(off) > SHIFT * math.hypot(first[1], last[1]) and abs(off) > rows.period:
-                begin, end = (0.5 * float(of[0].rows.t[0] + of[-1].rows.t[-1])
-                              for of in (pieces[:third], pieces[-third:]))
-                return Lead(0.5 * (first[0] + last[0]), whole[1], off / (end - begin), 0.5 * (begin + end))
-    return Lead(*whole)
+    value, std = float(grid[k]), None
+    for step in (DELAY_STEP, 0.25 * DELAY_STEP, 0.1 * DELAY_STEP):
+        low, middle, high = (sum(piece.unexplained(piece.shifted(terms, value + side * step)) for piece in pieces)
+                             for side in (-1, 0, 1))
+        bend = low - 2.0 * middle + high
+        if not bend > 0.0:   # flatter than the numbers' own error
+            break
+        value += step * float(np.clip(0.5 * (low - high) / bend, -1.0, 1.0))
+        std = step * math.sqrt(2.0 / bend)
+    return None if std is None else clocked(pieces, at, Lead(value, std), rows)
+
+
+def clocked(pieces: list[Piece], at: np.ndarray, lead: Lead, rows: Rows) -> Lead:
+    """Return the lead with its growth, where that of two clocks is sure.
+
+    at (shifts, pieces)   what each piece leaves at the shifts that were tried
+    A line through the leads that the pieces have by themselves; its deviation is that of their scatter about it, if
+    they scatter by more than theirs: what a model does not explain makes leads that come and go, and no clock.
+    """
+    told = list[tuple[float, float, float]]()
+    for piece, left in zip(pieces, at.T, strict=True):
+        k = int(np.argmin(left))
+        bend = left[k - 1] - 2.0 * left[k] + left[k + 1] if 0 < k < len(left) - 1 else 0.0
+        if bend > 0.0:
+            off = 0.5 * (left[k - 1] - left[k + 1]) / bend
+            told.append((0.5 * float(piece.rows.t[0] + piece.rows.t[-1]),
+                         DELAY_STEP * (k - 0.5 * (len(left) - 1) + off), DELAY_STEP * math.sqrt(2.0 / bend)))
+    if len(told) < FEWEST_CLOCK:
+        return lead
+    t, leads, stds = np.array(told).T
+    w = 1.0 / stds**2
+    middle = float(np.sum(w * t) / np.sum(w))
+    centred, mean = t - middle, float(np.sum(w * leads) / np.sum(w))
+    below = float(np.sum(w * centred**2))
+    grows = float(np.sum(w * centred * leads)) / below
+    scatter = float(np.sum(w * (leads - mean - grows * centred) ** 2)) / (len(t) - 2)
+    if abs(grows) > SHIFT * math.sqrt(max(scatter, 1.0) / below) and abs(grows) * float(np.ptp(t)) > rows.period:
+        return Lead(mean, lead.std, grows, middle)
+    return lead
 
 
 def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead | None) -> bool:
