@@ -313,9 +313,9 @@ def test_reproduce_writes_the_same_bytes_twice(launchid, tmp_path, names):
 
 
 def test_confidence_case_draws_its_bands_and_margins(launchid, tmp_path):
-    status, out, err = launchid("reproduce", "--case", "confidence", "--seeds", "2", "--out", tmp_path / "r")
+    status, out, err = launchid("reproduce", "--case", "confidence", "--seeds", "5", "--out", tmp_path / "r")
     assert status == 0 and [line.split(":")[0] for line in err.splitlines() if ": done" in line] == [
         "confidence, constant", "confidence, vega_like"]
-    assert "| constant | 2 |" in out and "| vega_like | 2 |" in out
+    assert "| constant | 5 |" in out and "| vega_like | 5 |" in out
     written = {path.name for path in (tmp_path / "r").iterdir()}
     assert {"confidence_constant.png", "margins_constant.png", "table.md"} <= written
