@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .kinds import INTEGER, TRUTH, Array, Known, Struct
+from .scopes import walk
 
 if TYPE_CHECKING:
     from .inference import Inference
@@ -96,7 +97,7 @@ class Facts:
         self.kinds = kinds
         self.kept: dict[int, tuple[ast.expr, Fact]] = {}
         self.ranges: dict[str, range] = {}   # of the loops around a statement, as far as they are short
-        stores = [node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+        stores = [node.id for node in walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
         self.given = {name: fact for name, fact in given.items() if name not in stores}
         self.once = {name: value for name, value in _assignments(tree) if stores.count(name) == 1 and name not in given}
 
@@ -110,7 +111,7 @@ class Facts:
         if node is None:
             return None
         names = [name for name in self.ranges if any(isinstance(each, ast.Name) and each.id == name
-                                                     for each in ast.walk(node))]
+                                                     for each in walk(node))]
         found, before = list[Fact](), (self.given, self.kept)
         for values in itertools.product(*(self.ranges[name] for name in names)):
             if names:
@@ -267,7 +268,7 @@ class Facts:
             if number is None:
                 left.append(each)
             elif bool(number) == decisive:
-                is_pure = not any(isinstance(part, ast.Call) for one in left for part in ast.walk(one))
+                is_pure = not any(isinstance(part, ast.Call) for one in left for part in walk(one))
                 return [each] if is_pure else [*left, each]
         return left or [node.values[-1]]
 
@@ -295,7 +296,7 @@ class Facts:
 
 def _assignments(tree: ast.FunctionDef) -> Iterator[tuple[str, ast.expr]]:
     """Names and the expressions that they are assigned."""
-    for node in ast.walk(tree):
+    for node in walk(tree):
         if not isinstance(node, ast.Assign):
             continue
         for target in node.targets:
