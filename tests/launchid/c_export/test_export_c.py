@@ -335,6 +335,6 @@ def test_no_kernel_counts_an_index_from_the_end(name):
     memory = e._memory._replace(parts=strict(e._memory.parts), words=strict(e._memory.words),
                                 apart={name: strict(array) for name, array in e._memory.apart.items()})
     e._step = calls_of(e.config, memory).update
-    for sample in [*flight()[1900:2100], *hostile(143, 300)]:
+    for sample in [*flight()[1900:2100], *hostile(143, 100)]:
         e.update(sample)
     assert e.counts["WINDOW_COMPLETE"] > 3
