@@ -329,7 +329,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     def result(verdict: str, where: str | None, **more: Any) -> Result:
         return Result(reading, nominal, m, el, verdict, where, notes=notes, gain=gain, **more)
 
-    if not names and not against:
+    if not (names or against or el.kept):
         return result("consistent", None)
     saved = sum(k.gain for k in listed)
     odd = sum(k.gain for k in unlisted)
