@@ -337,7 +337,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     loud = m.is_flown and (noises > 1 or (noises == 1 and gain.share > QUIET))
     nearest = tuple(names)
     place_of_misfit = where or misfit or (names[0].where if names else None) or "plant"
-    poor = bool(listed) and bool(against) and (gain.share > LEFT or short or loud)
+    poor = bool(listed) and bool(against) and (gain.share > (LEFT if m.is_flown else 1.0 - LEFT) or short or loud)
     if is_foreign or not names or (odd > ODD * saved and unlisted) or poor:
         return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
     if against:
