@@ -114,7 +114,7 @@ def with_betas(rows: Rows, m: Modes, terms: tuple[str, ...], betas: list[np.ndar
     values = [np.column_stack([values_of(rows, term, rows.attack, rows.theta_dot, beta) for term in moving])
               for beta in betas]
     ends = [ends_of(rows, moving, each, beta) for each, beta in zip(values, betas, strict=True)]
-    phi, _ = in_modes(rows, np.hstack(values), np.hstack(ends))
+    phi = in_modes(rows, np.hstack(values), np.hstack(ends), with_doubt=False)
     whole = np.repeat(m.phi[:, None, :], len(betas), axis=1)
     whole[:, :, places] = np.reshape(phi, (len(phi), len(betas), len(places)))
     return whole
@@ -185,9 +185,10 @@ def fitted(made: list[tuple[Rows, Modes]]) -> list[Piece]:
     return [Piece(part, m, fit, own) for (part, m), fit, own in zip(made, fits, noises, strict=True)]
 
 
-def likelihood(pieces: list[Piece]) -> float:
-    """Return the logarithm of the likelihood of the terms of pieces, with the noise that is most likely with them."""
-    return float(np.max(np.sum([piece.noise.largest for piece in pieces], axis=0)))
+def likelihood(pieces: list[Rows], terms: tuple[str, ...]) -> float:
+    """Return the logarithm of the likelihood of terms in pieces, with the noise that is most likely with them."""
+    noises = noise_likelihoods([term_modes(rows, terms) for rows in pieces])
+    return float(np.max(np.sum([noise.largest for noise in noises], axis=0)))
 
 
 def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...] = ()) -> Question:
@@ -208,13 +209,13 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
         return Question(rows, terms, [], None, [], reason)
     known = {}
     for term in optional:
-        more = beside(pieces, (*terms, term), 0.0)
+        more = beside(pieces, (*terms, term))
         size, std, _ = pooled(more)
         if abs(size) > std:
             terms, pieces, known[term] = (*terms, term), more, (size, std)
     lacks, lead = lacks_of(rows, terms, pieces)
     wider = (*terms, *(lack.what for lack in lacks if lack.what in LACKING))
-    asked = pieces if wider == terms else beside(pieces, wider, 0.0)
+    asked = pieces if wider == terms else beside(pieces, wider)
     clear = any(lack.is_most for lack in lacks)
     if not clear and placebo(asked, wider, rows, lead):   # of a beta that explains nothing no shift is proved
         strong = [lack for lack in lacks if lack.what not in ("delay", "clock") and lack.after - lack.before > STRONG]
@@ -263,19 +264,25 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
         if len(found) == MOST_LACKS:
             break
         shifts = [0.0] if lead is None or not lead.is_sure else [0.0, lead.value]
-        plain = max(likelihood(beside(pieces, terms, shift)) for shift in shifts)
+        shifted = {shift: [moved(piece.rows, shift) for piece in pieces]
+                   for shift in (0.0, *([lead.value] if lead else []))}
+        plain = max(likelihood(shifted[shift], terms) for shift in shifts)
         left, total = ahead(rows, terms), sum(square(piece.modes.y * piece.weight) for piece in pieces)
         asked = dict[str, tuple[float, float, float, bool, list[Piece]]]()
         for term in names:
             if term in terms:
                 continue
             at = [lead.value] if term == "beta_ddot" and lead else shifts   # a late beta looks like its acceleration
-            wider = max((beside(pieces, (*terms, term), shift) for shift in at), key=likelihood)
-            size, std, share = pooled(wider)
-            without = ahead(rows, (*terms, term))
+            likelihoods = [likelihood(shifted[shift], (*terms, term)) for shift in at]
+            without = ahead(rows, (*terms, term)) if left > TOLERANCE**2 else left
             is_most = without < MOST * left and left - without > TOLERANCE**2
             least_gain = SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total)
-            gain = 2.0 * (likelihood(wider) - plain)
+            gain = 2.0 * (max(likelihoods) - plain)
+            if not is_most and not gain > least_gain:
+                continue
+            likeliest = shifted[at[int(np.argmax(likelihoods))]]
+            wider = fitted([(each, term_modes(each, (*terms, term))) for each in likeliest])
+            size, std, share = pooled(wider)
             is_apart = share < ONE_COLUMN or term in ("1", "gamma")
             if term == FAST_THETA and "theta" in terms:   # a flight path takes of what theta does slowly, adds nothing
                 slow = [p.fit.xi[terms.index("theta")] for p in wider if not p.fit.is_singular]
@@ -290,7 +297,7 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
         best = max(each[0] for each in most.values())
         term = next(term for term, each in most.items() if each[0] >= SIMPLER * best or term in ("gamma", path))
         _, size, std, is_most, _ = most[term]
-        before, pieces = explained(pieces, terms), beside(pieces, (*terms, term), 0.0)
+        before, pieces = explained(pieces, terms), beside(pieces, (*terms, term))
         terms = (*terms, term)
         if is_most:
             _, _, y, phi = increments(rows, terms, INCREMENT)
@@ -304,10 +311,14 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
     return found, lead
 
 
-def beside(pieces: list[Piece], terms: tuple[str, ...], lead: float) -> list[Piece]:
-    """Return the pieces under other terms, with a beta that acts later [s]."""
-    rows = [replace(piece.rows, beta=later(piece.rows, lead)) if lead else piece.rows for piece in pieces]
-    return fitted([(each, term_modes(each, terms)) for each in rows])
+def beside(pieces: list[Piece], terms: tuple[str, ...]) -> list[Piece]:
+    """Return the pieces under other terms."""
+    return fitted([(piece.rows, term_modes(piece.rows, terms)) for piece in pieces])
+
+
+def moved(rows: Rows, lead: float) -> Rows:
+    """Return rows with a beta that acts later [s]."""
+    return replace(rows, beta=later(rows, lead)) if lead else rows
 
 
 def ahead(rows: Rows, terms: tuple[str, ...]) -> float:
