@@ -250,7 +250,7 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
     """
     fast = rows.fast         # where theta runs far beside it, a flight path that is missing comes before all else
     path = FAST_THETA if np.var(rows.theta) > RUNS**2 * np.var(fast) else ""
-    bent, cut = bool(np.ptp(rows.attack) > LARGE), rows.stretch < min(PIECE, 0.9 * (rows.t[-1] - rows.t[0]))
+    bent = bool(np.ptp(rows.attack) > LARGE)
     names = [term for term in LACKING if term not in terms and (term != "sin(theta)" or bent)
              and (term != "gamma" or rows.has_gamma) and (term != "beta_ddot" or rows.has_rate)
              and (term != FAST_THETA or (not (rows.has_gamma or "sin(theta)" in terms)
@@ -268,35 +268,19 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
                    for shift in (0.0, *([lead.value] if lead else []))}
         plain = max(likelihood(shifted[shift], terms) for shift in shifts)
         left, total = ahead(rows, terms), sum(square(piece.modes.y * piece.weight) for piece in pieces)
-        asked = dict[str, tuple[float, float, float, bool, list[Piece]]]()
+        asked = dict[str, tuple[float, float, float, bool]]()
         for term in names:
-            if term in terms:
-                continue
-            at = [lead.value] if term == "beta_ddot" and lead else shifts   # a late beta looks like its acceleration
-            likelihoods = [likelihood(shifted[shift], (*terms, term)) for shift in at]
-            without = ahead(rows, (*terms, term)) if left > TOLERANCE**2 else left
-            is_most = without < MOST * left and left - without > TOLERANCE**2
-            least_gain = SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total)
-            gain = 2.0 * (max(likelihoods) - plain)
-            if not is_most and not gain > least_gain:
-                continue
-            likeliest = shifted[at[int(np.argmax(likelihoods))]]
-            wider = fitted([(each, term_modes(each, (*terms, term))) for each in likeliest])
-            size, std, share = pooled(wider)
-            is_apart = share < ONE_COLUMN or term in ("1", "gamma")
-            if term == FAST_THETA and "theta" in terms:   # a flight path takes of what theta does slowly, adds nothing
-                slow = [p.fit.xi[terms.index("theta")] for p in wider if not p.fit.is_singular]
-                is_apart &= size * (size + float(np.median(slow or [0.0]))) > 0.0
-            if cut and term == "beta_ddot":   # of which the beginnings of stretches spoil the column
-                is_apart = False
-            if is_most or (is_apart and min(gain, (size / std) ** 2) > least_gain):
-                asked[term] = (gain, size, std, is_most, wider)
+            if term not in terms:
+                at = [lead.value] if term == "beta_ddot" and lead else shifts   # a late beta looks like it
+                least_gain = SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total)
+                there = term_beside(rows, terms, term, [shifted[shift] for shift in at], plain, left, least_gain)
+                asked |= {} if there is None else {term: there}
         if not asked:
             break
         most = {term: each for term, each in asked.items() if each[3]} or asked
         best = max(each[0] for each in most.values())
         term = next(term for term, each in most.items() if each[0] >= SIMPLER * best or term in ("gamma", path))
-        _, size, std, is_most, _ = most[term]
+        _, size, std, is_most = most[term]
         before, pieces = explained(pieces, terms), beside(pieces, (*terms, term))
         terms = (*terms, term)
         if is_most:
@@ -309,6 +293,32 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
         found.append(Lack("delay", explained(pieces, terms), explained(pieces, terms, lead.value), lead.value,
                           lead.std))
     return found, lead
+
+
+def term_beside(rows: Rows, terms: tuple[str, ...], term: str, shifted: list[list[Rows]], plain: float, left: float,
+                least_gain: float) -> tuple[float, float, float, bool] | None:
+    """Return (gain of likelihood, coefficient, deviation, whether it halves the error of rows left out) of a further
+    term that is there beside others; None where it is not.
+
+    shifted   the pieces' rows, one list a shift of beta;  plain   the logarithm of the likelihood without the term
+    left      share of rows left out that is not predicted without it;  least_gain   twice the logarithm it must add
+    """
+    wider = (*terms, term)
+    likelihoods = [likelihood(each, wider) for each in shifted]
+    without = ahead(rows, wider) if left > TOLERANCE**2 else left
+    is_most = without < MOST * left and left - without > TOLERANCE**2
+    gain = 2.0 * (max(likelihoods) - plain)
+    if not is_most and not gain > least_gain:
+        return None
+    pieces = fitted([(each, term_modes(each, wider)) for each in shifted[int(np.argmax(likelihoods))]])
+    size, std, share = pooled(pieces)
+    is_apart = share < ONE_COLUMN or term in ("1", "gamma")
+    if term == FAST_THETA and "theta" in terms:   # a flight path takes of what theta does slowly, adds nothing
+        slow = [piece.fit.xi[terms.index("theta")] for piece in pieces if not piece.fit.is_singular]
+        is_apart &= size * (size + float(np.median(slow or [0.0]))) > 0.0
+    if term == "beta_ddot" and rows.stretch < min(PIECE, 0.9 * (rows.t[-1] - rows.t[0])):
+        is_apart = False   # the beginnings of stretches spoil the column
+    return (gain, size, std, is_most) if is_most or (is_apart and min(gain, (size / std) ** 2) > least_gain) else None
 
 
 def beside(pieces: list[Piece], terms: tuple[str, ...]) -> list[Piece]:
