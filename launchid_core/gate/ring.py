@@ -196,7 +196,7 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
     t_start = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
     if t >= t_start - slack:  # else it came after its window had closed
         count[ROWS] = min(count[ROWS] + 1, ring.shape[0] - 1)
-    if not complete and t + LAST_SAMPLE * limits[PERIOD] > t_start + limits[WINDOW] and count[ROWS] > 0:
+    if not complete and t + LAST_SAMPLE * limits[PERIOD] > t_start + limits[WINDOW]:
         close_window(limits, clock, count, 0)
         count[INDEX] += 1
         complete = True
@@ -228,7 +228,7 @@ def copy_window(ring, count, saturation, signal):
         source = ring[place_of_row(count, ring, row)]
         saturated = False
         for k in range(THETA, N_COLUMNS):
-            if abs(source[k]) >= saturation[k]:
+            if saturation[k] < np.inf and abs(source[k]) >= saturation[k]:
                 saturated = True
         if not saturated:
             for k in range(N_COLUMNS):

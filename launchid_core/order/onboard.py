@@ -28,7 +28,7 @@ from ..watch.report import report_air, report_changes, report_level, report_serv
 from ..watch.tracker import MEMBERS, restart_bank
 from ..watch.uncertainty import close_range, restart_gauge, watch_range
 from ..watch.undeclared import restart_undeclared
-from .block import CLOSE, NOTHING, begin_window, close_block, gather, is_block_whole, seal_carried, set_servo_step
+from .block import NOTHING, SET_STEP, begin_window, close_block, gather, is_block_whole, seal_carried, set_servo_step
 
 TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
 DUE = 64       # beside a status: what waits is to be used
@@ -210,10 +210,10 @@ def process_samples(size, block, words, ring, seals, rows, profile, air, sigma, 
         wanted = gather(block, ring, rows, profile, air, code)
         if wanted == NOTHING:
             break
-        if wanted == CLOSE:
-            close_block(size, block, rows, profile)
-        elif size.servo > 0:
+        if size.servo > 0 and wanted == SET_STEP:
             set_servo_step(block)
+        else:
+            close_block(size, block, rows, profile)
     if code == rb.WINDOW_COMPLETE:
         close_window(size, block, ring, profile)
     elif code == rb.CLOCK_RESET:
