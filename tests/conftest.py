@@ -1,7 +1,6 @@
 """Hypothesis profiles, one cache of the independent generator's kernels for all processes, and two processes.
 
-Profiles: `dev` by default; `ci`, derandomised, where CI is set; `few`, derandomised, for passes that repeat what has
-passed (un-jitted, with bounds checks); `long` by hand.
+Profiles: `dev` by default; `ci`, derandomised, where CI is set; `long` by hand.
 """
 
 import gc
@@ -22,7 +21,6 @@ from launchid_core.cache import kept_apart
 _quiet = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
 settings.register_profile("dev", max_examples=30, deadline=None, suppress_health_check=_quiet)
 settings.register_profile("ci", max_examples=30, deadline=None, derandomize=True, suppress_health_check=_quiet)
-settings.register_profile("few", max_examples=10, deadline=None, derandomize=True, suppress_health_check=_quiet)
 settings.register_profile("long", max_examples=2000, deadline=None, suppress_health_check=_quiet)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "dev"))
 

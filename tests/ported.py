@@ -89,9 +89,9 @@ def rough(**choices) -> Config:
 UNSURE = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
 
 
-def unsure(**choices) -> Config:
-    """The constant nominal with a servo that is not known."""
-    nominal = load_nominal("constant")
+def unsure(sections=None, **choices) -> Config:
+    """The constant nominal with a servo that is not known, and with these sections."""
+    nominal = dataclasses.replace(load_nominal("constant"), **(sections or {}))
     assert nominal.actuator is not None
     servo = dataclasses.replace(nominal.actuator, **UNSURE)
     return filtered(model=onboard_model(dataclasses.replace(nominal, actuator=servo)), **choices)
@@ -110,6 +110,7 @@ CONFIGS = {
     "filtered-terms": filtered(library="quadratic", window=5.0),
     "filtered-wind": rough(window=10.0),
     "filtered-servo": unsure(),
+    "filtered-wind-servo": unsure(ROUGH, window=10.0),
     "filtered-declared": filtered(noise="declared"),
     "measured-stls": regression("measured", compression=3),
     "difference-sr3": regression("difference", solver="sr3", compression=2),
@@ -117,7 +118,7 @@ CONFIGS = {
     "integral-lasso": regression("integral", solver="lasso", compression=2),
     "filtered-functions": filtered("greensite_cr826", library="theta,beta,sign(theta_dot),cos(theta),theta*beta"),
     "filtered-sine": filtered(library="quadratic+sin", window=5.0),
-    "lpv": regression("integral", library="lpv", window=0.3),
+    "lpv": regression("integral", library="lpv", window=0.3, solver="ssr", seed=7),
 }
 
 CERTIFIED = {  # what is asked of every part of a port that a reviewer certifies

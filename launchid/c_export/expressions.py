@@ -31,6 +31,7 @@ from .kinds import (
     join,
     literal,
 )
+from .scopes import walk
 
 ATOM, UNARY, PRODUCT, SUM, ORDER, EQUALITY, AND, OR, CHOICE = 20, 14, 13, 12, 10, 9, 5, 4, 3   # how tightly they bind
 SYMBOLS = {ast.Mult: ("*", PRODUCT), ast.Div: ("/", PRODUCT), ast.Add: ("+", SUM), ast.Sub: ("-", SUM)}
@@ -135,7 +136,7 @@ class Expressions:
         """Whether an expression is of numbers and of names of modules alone."""
         return all(isinstance(each, (ast.Constant, ast.operator, ast.unaryop, ast.BinOp, ast.UnaryOp, ast.expr_context))
                    or (isinstance(each, ast.Attribute) and self.kinds.of_neighbour(each))
-                   or (isinstance(each, ast.Name) and each.id not in self.kinds.names) for each in ast.walk(node))
+                   or (isinstance(each, ast.Name) and each.id not in self.kinds.names) for each in walk(node))
 
     @staticmethod
     def _bound(code: Code, tightness: int) -> str:

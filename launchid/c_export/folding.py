@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .kinds import INTEGER, TRUTH, Array, Known, Struct
+from .scopes import walk
 
 if TYPE_CHECKING:
     from .inference import Inference
@@ -96,7 +97,7 @@ class Facts:
         self.kinds = kinds
         self.kept: dict[int, tuple[ast.expr, Fact]] = {}
         self.ranges: dict[str, range] = {}   # of the loops around a statement, as far as they are short
-        stores = [node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
+        stores = [node.id for node in walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
         self.given = {name: fact for name, fact in given.items() if name not in stores}
         self.once = {name: value for name, value in _assignments(tree) if stores.count(name) == 1 and name not in given}
 
@@ -126,7 +127,7 @@ class Facts:
         """The names that an expression hangs on, through names that are assigned once."""
         names, waiting = set[str](), [node]
         while waiting:
-            new = {each.id for each in ast.walk(waiting.pop()) if isinstance(each, ast.Name)} - names
+            new = {each.id for each in walk(waiting.pop()) if isinstance(each, ast.Name)} - names
             names |= new
             waiting += [self.once[name] for name in new if name in self.once]
         return names
@@ -276,7 +277,7 @@ class Facts:
             if number is None:
                 left.append(each)
             elif bool(number) == decisive:
-                is_pure = not any(isinstance(part, ast.Call) for one in left for part in ast.walk(one))
+                is_pure = not any(isinstance(part, ast.Call) for one in left for part in walk(one))
                 return [each] if is_pure else [*left, each]
         return left or [node.values[-1]]
 
@@ -308,7 +309,7 @@ class Facts:
 
 def _assignments(tree: ast.FunctionDef) -> Iterator[tuple[str, ast.expr]]:
     """Names and the expressions that they are assigned."""
-    for node in ast.walk(tree):
+    for node in walk(tree):
         if not isinstance(node, ast.Assign):
             continue
         for target in node.targets:

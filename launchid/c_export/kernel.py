@@ -25,7 +25,7 @@ from .kinds import (
     Untranslatable,
     Whole,
 )
-from .scopes import first_assignments
+from .scopes import first_assignments, walk
 
 INDENT = "    "
 ZERO: dict[Kind, str] = {FLOAT: "0.0", INTEGER: "0", TRUTH: "false"}
@@ -39,7 +39,7 @@ GIVEN = "{}_given"     # an argument that the kernel changes: its own copy has t
 
 def _names(nodes: Sequence[ast.AST], context: type) -> set[str]:
     """Names that these statements store or load."""
-    return {each.id for node in nodes for each in ast.walk(node)
+    return {each.id for node in nodes for each in walk(node)
             if isinstance(each, ast.Name) and isinstance(each.ctx, context)}
 
 
@@ -75,15 +75,15 @@ def _words(lines: list[str]) -> set[str]:
 
 def rename_counters(tree: ast.FunctionDef) -> None:
     """A loop's variable that something else stores too gets a name of its own: C's must not hide another."""
-    loops = [node for node in ast.walk(tree) if isinstance(node, ast.For) and isinstance(node.target, ast.Name)]
+    loops = [node for node in walk(tree) if isinstance(node, ast.For) and isinstance(node.target, ast.Name)]
     targets = {id(loop.target) for loop in loops}
-    stored = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+    stored = {node.id for node in walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
               and id(node) not in targets} | {argument.arg for argument in tree.args.args}
     for number, loop in enumerate(loops, start=1):
         name = loop.target.id  # type: ignore[attr-defined]
         if name not in stored or name == UNUSED or name in _names(loop.body, ast.Store):
             continue
-        for node in (each for part in (loop.target, *loop.body) for each in ast.walk(part)):
+        for node in (each for part in (loop.target, *loop.body) for each in walk(part)):
             if isinstance(node, ast.Name) and node.id == name:
                 node.id = f"{name}{number}_"
 
@@ -113,13 +113,13 @@ class Kernel:
         self.tree, self.temporaries = tree, 0
         self.lines: list[str] = []
         try:
-            for node in ast.walk(self.tree):
+            for node in walk(self.tree):
                 if isinstance(node, ast.For) and isinstance(node.target, ast.Name):
                     self._refuse_reading_after(node, node.target.id)
             rename_counters(self.tree)
             size = 0
-            while size != len(list(ast.walk(self.tree))):  # what is gone may leave a name with one value
-                size = len(list(ast.walk(self.tree)))
+            while size != len(walk(self.tree)):  # what is gone may leave a name with one value
+                size = len(walk(self.tree))
                 self.kinds = Inference(self.unit, self.tree, self.around, self.arguments, self.given)
                 self._drop_unread()
                 self.tree.body = self._alive(self.tree.body)
@@ -164,11 +164,11 @@ class Kernel:
 
     def _drop_unread(self) -> None:
         """Take away the assignments of numbers that nothing reads, but for what a call gives."""
-        statements = [node for node in ast.walk(self.tree) if isinstance(node, (ast.Assign, ast.AugAssign))]
+        statements = [node for node in walk(self.tree) if isinstance(node, (ast.Assign, ast.AugAssign))]
         targets = {id(node): node.targets if isinstance(node, ast.Assign) else [node.target] for node in statements}
         unread = [node for node in statements if self._is_known(targets[id(node)][0])]
-        of_unread = {id(each) for node in unread for each in ast.walk(node)}
-        read = {node.id for node in ast.walk(self.tree) if isinstance(node, ast.Name) and id(node) not in of_unread
+        of_unread = {id(each) for node in unread for each in walk(node)}
+        read = {node.id for node in walk(self.tree) if isinstance(node, ast.Name) and id(node) not in of_unread
                 and isinstance(node.ctx, ast.Load)}
         for node in statements:
             names = [each for target in targets[id(node)] for each in
@@ -180,7 +180,7 @@ class Kernel:
 
     def _answer(self) -> Fact:
         """The one number that it returns, if it does nothing else."""
-        nodes = list(ast.walk(self.tree))
+        nodes = walk(self.tree)
         found = {repr(self.kinds.facts.number(node.value)): self.kinds.facts.number(node.value) for node in nodes
                  if isinstance(node, ast.Return)}
         return next(iter(found.values())) if self.is_pure and len(found) == 1 else None
@@ -189,7 +189,7 @@ class Kernel:
     def is_pure(self) -> bool:
         """Whether it does nothing but to answer."""
         return (all(called.is_pure for called in self.asked) and not any(
-            isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store) for node in ast.walk(self.tree)))
+            isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store) for node in walk(self.tree)))
 
     def written(self, given: Iterable[Any]) -> list[Any]:
         """Of what is given for its arguments, what C hands on: what is known before flight is in the function."""
@@ -222,14 +222,14 @@ class Kernel:
 
     def _local_arrays(self) -> tuple[str, ...]:
         """Local tuples that are indexed by a variable."""
-        return tuple({node.value.id for node in ast.walk(self.tree) if isinstance(node, ast.Subscript)
+        return tuple({node.value.id for node in walk(self.tree) if isinstance(node, ast.Subscript)
                       and isinstance(node.value, ast.Name) and not isinstance(node.slice, ast.Constant)
                       and isinstance(self.kinds.names.get(node.value.id), Several)})
 
     def _counters(self) -> set[str]:
         """Loop variables that nothing else stores."""
-        loops = [node.target for node in ast.walk(self.tree) if isinstance(node, ast.For)]
-        others = {node.id for node in ast.walk(self.tree) if isinstance(node, ast.Name)
+        loops = [node.target for node in walk(self.tree) if isinstance(node, ast.For)]
+        others = {node.id for node in walk(self.tree) if isinstance(node, ast.Name)
                   and isinstance(node.ctx, ast.Store) and not any(node is loop for loop in loops)}
         return {loop.id for loop in loops if isinstance(loop, ast.Name)} - others
 
@@ -319,7 +319,7 @@ class Kernel:
         if node.target.id in stored or abs(step) != 1:
             raise Untranslatable(f"line {node.lineno}: a loop that sets its own variable, or by a step of {step}")
         end = self.c(high, UNARY)
-        moves = not end.isdigit() and any(isinstance(each, (ast.Subscript, ast.Call)) for each in ast.walk(high))
+        moves = not end.isdigit() and any(isinstance(each, (ast.Subscript, ast.Call)) for each in walk(high))
         if moves or stored & _names([high], ast.Load):
             end = self._temporary("end")
             self._line(depth, f"const int64_t {end} = {self.c(high)};")
@@ -331,7 +331,7 @@ class Kernel:
 
     def _refuse_reading_after(self, loop: ast.For, name: str) -> None:
         """A loop's variable lives in the loop: Python's keeps its last value."""
-        later = [each for each in ast.walk(self.tree) if isinstance(each, ast.Name) and each.id == name
+        later = [each for each in walk(self.tree) if isinstance(each, ast.Name) and each.id == name
                  and each.lineno > (loop.end_lineno or loop.lineno)]
         if later and isinstance(min(later, key=lambda each: (each.lineno, each.col_offset)).ctx, ast.Load):
             raise Untranslatable(f"line {loop.lineno}: {name} is read after its loop")
@@ -349,7 +349,7 @@ class Kernel:
             raise Untranslatable(f"{ast.unparse(node)}: expected one target, or a constant")
         for target in node.targets:
             if isinstance(target, ast.Name) and target.id == UNUSED:
-                if any(isinstance(each, ast.Call) for each in ast.walk(node.value)):
+                if any(isinstance(each, ast.Call) for each in walk(node.value)):
                     self._line(depth, f"(void){self.c(node.value)};")
             elif isinstance(target, ast.Tuple):
                 self._unpack(target, node, depth)

@@ -2,9 +2,29 @@
 uses."""
 
 import ast
+from collections import deque
 from collections.abc import Iterator
 
 Block = tuple[int, ...]
+
+
+def walk(tree: ast.AST) -> list[ast.AST]:
+    """The nodes of `ast.walk`, statements in its order; an expression's, which nobody changes, are collected once."""
+    if isinstance(tree, ast.expr):
+        found = tree.__dict__.get("nodes")
+        if found is None:
+            found = tree.__dict__["nodes"] = list(ast.walk(tree))
+        return found
+    found, waiting = [], deque([tree])
+    while waiting:
+        node = waiting.popleft()
+        found.append(node)
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.expr):
+                found += walk(child)
+            else:
+                waiting.append(child)
+    return found
 
 
 def _statements(body: list[ast.stmt], block: Block) -> Iterator[tuple[Block, ast.stmt]]:
@@ -17,13 +37,9 @@ def _statements(body: list[ast.stmt], block: Block) -> Iterator[tuple[Block, ast
 
 def _own_names(node: ast.stmt) -> Iterator[ast.Name]:
     """Names of a statement itself, not of the blocks in it."""
-    inner = {id(each) for name in ("body", "orelse") for each in getattr(node, name, [])}
-    waiting: list[ast.AST] = [node]
-    while waiting:
-        each = waiting.pop()
-        if isinstance(each, ast.Name):
-            yield each
-        waiting += [child for child in ast.iter_child_nodes(each) if id(child) not in inner]
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.expr):
+            yield from (each for each in walk(child) if isinstance(each, ast.Name))
 
 
 def _common(a: Block, b: Block) -> Block:

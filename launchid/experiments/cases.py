@@ -40,6 +40,7 @@ class Case:
     absolute: float = 0.0         # tolerance: at least this, 1/s^2
     support: tuple[str, ...] = () # exact support demanded of the theta_ddot equation
     proposed_sigma: bool = False  # the second dispersion profile
+    has_claim: bool = True        # the first variant is the paper's, and judged by the tolerance
 
 
 def _noisy(*windows: float) -> tuple[Variant, ...]:
@@ -83,5 +84,6 @@ CASES = {case.name: case for case in (
           *(Variant(f"difference, window {w:g} s, compression {c}", w, "quadratic", "difference", c)
             for w in (0.3, 1.0, 3.0) for c in (1, 3, 10)),
           *(Variant(f"flight sensors, integral, {w:g} s, compression {c}", w, "rigid-body", "integral", c, "flight")
-            for w in (0.3, 1.0, 3.0, 10.0) for c in (1, 3))), 0.01, support=CONSTANT_SUPPORT),
+            for w in (0.3, 1.0, 3.0, 10.0) for c in (1, 3))), 0.01, support=CONSTANT_SUPPORT,
+         has_claim=False),
 )}

@@ -1,4 +1,4 @@
-"""The flights of a case, through its estimator variants, one job a flight."""
+"""The flights of the cases, through their estimator variants, one job a flight."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from sim.flight import Flight, dispersion, fly_whole, parameters
 from sim.nominal import Nominal, Profile, built_in, load_nominal
 
 from ..identification.windows import identified, onboard_model, run
-from ..log.check import checked
+from ..log.check import CheckedLog, checked
 from ..log.log import flown_log
 from .cases import CASES, Case, Variant
 
@@ -20,10 +20,10 @@ from .cases import CASES, Case, Variant
 N_COLUMNS = 11
 
 
-class CaseJob(NamedTuple):
-    """One flight of a case."""
+class VehicleJob(NamedTuple):
+    """One flight of a vehicle, for all the cases that fly it."""
 
-    name: str
+    cases: tuple[str, ...]
     delta: int
     seed: int
 
@@ -67,25 +67,23 @@ def fly_variant(nominal: Nominal, variant: Variant, delta: int, seed: int) -> Fl
     return fly_whole(nominal, seed, variant.suite, a6_factor=a6_factor, k1_factor=k1_factor)
 
 
-def identify_flight(nominal: Nominal, case: Case, variant: Variant, flight: Flight, delta: int,
-                    seed: int) -> tuple[np.ndarray, np.ndarray]:
+def identify_flight(nominal: Nominal, variant: Variant, support: tuple[str, ...], flight: Flight,
+                    seen: CheckedLog | None, delta: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Window table and the last Xi of one variant on one flight.
 
-    The paper's variant, the first of its case, goes the way of `identify`: a window that its log contradicts is not
-    valid.  Its companions show what the formulations do by themselves.
+    seen   the flight as a log that was checked, for what goes the way of `identify`: a window that its log contradicts
+           is not valid; None: what the formulation shows by itself
     """
     config = Config(window=variant.window, sample_period=flight.period, compression=variant.compression, seed=seed,
                     library=variant.library, formulation=variant.formulation, solver=variant.solver,
                     threshold=variant.threshold,
                     model=onboard_model(nominal) if variant.formulation == "filtered" else None)
-    is_papers = variant == case.variants[0]
-    estimates = identified(config, checked(flown_log(flight))).judged.estimates if is_papers else \
-        run(config, flight.rows())[0]
-    support = np.array([term in case.support for term in config.terms])
+    estimates = identified(config, seen).judged.estimates if seen else run(config, flight.rows())[0]
+    active = np.array([term in support for term in config.terms])
     nodes = nominal.vehicle.t
     table = np.full((len(estimates), N_COLUMNS), np.nan)
     for row, e in zip(table, estimates, strict=True):
-        exact = bool(e.valid and (e.support[:, 1] == support).all())
+        exact = bool(e.valid and (e.support[:, 1] == active).all())
         node = bool(np.any((nodes > e.t_start + 1e-9) & (nodes < e.t_end - 1e-9)))
         row[:] = (e.t_start, e.t_end, e.valid, e.a6, e.k1, e.a6_std, e.k1_std, np.nan, np.nan, exact, node)
     centre = 0.5 * (table[:, START] + table[:, END])
@@ -94,26 +92,38 @@ def identify_flight(nominal: Nominal, case: Case, variant: Variant, flight: Flig
     return table, estimates[-1].xi if estimates else np.full((len(config.terms), 3), np.nan)
 
 
-def fly_job(job: CaseJob) -> Result:
-    """One flight of a case through all its variants (the unit of work of a process)."""
-    name, delta, seed = job
-    case = CASES[name]
-    nominal = case_nominal(case)
-    flights: dict[tuple[str, float | None], Flight] = {}
-    tables, first_xi = [], np.zeros((0, 3))
-    for k, variant in enumerate(case.variants):
-        key = (variant.suite, variant.command_noise)
-        if key not in flights:
-            flights[key] = fly_variant(nominal, variant, delta, seed)
-        table, xi = identify_flight(nominal, case, variant, flights[key], delta, seed)
-        tables.append(table)
-        if k == 0:
-            first_xi = xi
-    lost = any(flight.lost for flight in flights.values())
-    return Result(delta, seed, lost, tuple(tables), first_xi)
+def fly_job(job: VehicleJob) -> dict[str, Result]:
+    """One flight through all variants of the cases that fly it (the unit of work of a process): case -> result.
+
+    What cases share is flown and identified once.  The paper's variant, the first of its case, goes the way of
+    `identify`; its companions, and all of `tuning`, which claims nothing, do not.
+    """
+    flights = dict[tuple[str, float | None], Flight]()
+    logs = dict[tuple[str, float | None], CheckedLog]()
+    tables = dict[tuple[Variant, bool], tuple[np.ndarray, np.ndarray]]()
+    results = dict[str, Result]()
+    for case in (CASES[name] for name in job.cases):
+        nominal = case_nominal(case)
+        for k, variant in enumerate(case.variants):
+            key, is_papers = (variant.suite, variant.command_noise), k == 0 and case.has_claim
+            if key not in flights:
+                flights[key] = fly_variant(nominal, variant, job.delta, job.seed)
+            if is_papers and key not in logs:
+                logs[key] = checked(flown_log(flights[key]))
+            if (variant, is_papers) not in tables:
+                tables[variant, is_papers] = identify_flight(nominal, variant, case.support, flights[key],
+                                                             logs[key] if is_papers else None, job.delta, job.seed)
+        made = [tables[variant, k == 0 and case.has_claim] for k, variant in enumerate(case.variants)]
+        lost = any(flights[variant.suite, variant.command_noise].lost for variant in case.variants)
+        results[case.name] = Result(job.delta, job.seed, lost, tuple(table for table, _ in made), made[0][1])
+    return results
 
 
-def case_jobs(names: list[str], seeds: int) -> list[CaseJob]:
-    """The flights of these cases, by case, delta and seed."""
-    return [CaseJob(name, delta, seed) for name in names for delta in sorted(CASES[name].deltas)
-            for seed in range(seeds)]
+def vehicle_jobs(names: list[str], seeds: int) -> list[VehicleJob]:
+    """The flights of these cases: vehicle by vehicle, in the order of the cases, each with all cases that fly it."""
+    flown = dict[tuple[str, bool, int], list[str]]()
+    for name in names:
+        case = CASES[name]
+        for delta in sorted(case.deltas, key=abs):
+            flown.setdefault((case.nominal, case.proposed_sigma and delta != 0, delta), []).append(name)
+    return [VehicleJob(tuple(cases), delta, seed) for (*_, delta), cases in flown.items() for seed in range(seeds)]

@@ -1,10 +1,9 @@
 """`launchid reproduce`: campaign, verdict table, figures, everything into one folder."""
 
-import functools
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from ..monte_carlo.campaign import run_jobs
 from ..progress import Counter
 from . import confidence
 from .cases import CASES, CONFIDENCE, Case
-from .flights import A6, EXACT, K1, NODE, TRUE_A6, TRUE_K1, VALID, Result, case_jobs, fly_job
+from .flights import A6, EXACT, K1, NODE, TRUE_A6, TRUE_K1, VALID, Result, VehicleJob, fly_job, vehicle_jobs
 
 BOUND_SEEDS = 3  # the bound varies by a percent between flights
 
@@ -59,16 +58,30 @@ def percent(x: float | None) -> str:
     return "-" if x is None else f"{100 * x:.2g} %"
 
 
-@functools.cache
-def noise_floor(nominal: str, window: float) -> float:
-    """Median Cramer-Rao bound of a6 in windows [s] of a built-in nominal's flights, relative."""
-    loaded = load_nominal(built_in(nominal))
-    return float(np.median(np.concatenate([flight_bound(loaded, window, seed).a6 for seed in range(BOUND_SEEDS)])))
+class FloorJob(NamedTuple):
+    """The bound of a built-in nominal's flights in windows [s]."""
+
+    nominal: str
+    window: float
+
+
+Job = VehicleJob | FloorJob | confidence.BandJob
+
+
+def floors_of(case: Case) -> list[FloorJob]:
+    """Return the bounds that the table of a case has, those of its variants with sensor noise."""
+    return [FloorJob(case.nominal, variant.window) for variant in case.variants if variant.suite == "flight"]
+
+
+def noise_floor(job: FloorJob) -> float:
+    """Return the median Cramer-Rao bound of a6, relative."""
+    nominal = load_nominal(built_in(job.nominal))
+    return float(np.median(np.concatenate([flight_bound(nominal, job.window, seed).a6 for seed in range(BOUND_SEEDS)])))
 
 
 def verdict(case: Case, k: int, scores: dict[str, Any]) -> str:
     """The last cell of a table's row: the claim is judged for the paper's variant, companions inform."""
-    if case.name == "tuning":
+    if not case.has_claim:
         return ""
     if k == 0:
         return "holds" if holds(case, scores) else "FAILS"
@@ -101,60 +114,96 @@ def xi_lines(results: list[Result]) -> list[str]:
     return lines
 
 
-def flown(jobs: list[Any], work: Callable[[Any], Any], what: str) -> list[Any]:
-    """Return the outcome of every job; the first is done here, which compiles what the workers then share."""
-    progress = Counter(len(jobs), f"flights of {what}")
-    first = work(jobs[0])
-    progress(1)
-    rest = run_jobs(jobs[1:], work, progress=progress)
-    return [first, *rest]
-
-
-def rows_of(case: Case, results: list[Result]) -> list[dict[str, Any]]:
+def rows_of(case: Case, results: list[Result], outcomes: dict[Job, Any]) -> list[dict[str, Any]]:
     """Return the scores of a case, one a variant."""
     rows = [score(case, k, results) for k in range(len(case.variants))]
     for k, (variant, row) in enumerate(zip(case.variants, rows, strict=True)):
-        is_noisy = variant.suite == "flight"
-        row.update(variant=variant.name, bound_a6=noise_floor(case.nominal, variant.window) if is_noisy else None,
-                   verdict=verdict(case, k, row))
+        row.update(variant=variant.name, bound_a6=outcomes[FloorJob(case.nominal, variant.window)]
+                   if variant.suite == "flight" else None, verdict=verdict(case, k, row))
     return rows
 
 
+def work(job: Job) -> Any:
+    """Do a job: a flight, or a bound."""
+    if isinstance(job, VehicleJob):
+        return fly_job(job)
+    return noise_floor(job) if isinstance(job, FloorJob) else confidence.fly_band(job)
+
+
+def jobs_of(names: list[str], vehicles: Sequence[str], seeds: int) -> dict[str, list[Job]]:
+    """Return the jobs of each experiment; what several need is the same job."""
+    flights = vehicle_jobs(names, seeds)
+    jobs: dict[str, list[Job]] = {name: [*(job for job in flights if name in job.cases), *floors_of(CASES[name])]
+                                  for name in names}
+    return jobs | {f"{CONFIDENCE}, {name}": [*confidence.band_jobs(name, seeds)] for name in vehicles}
+
+
+def in_order(jobs: dict[str, list[Job]]) -> list[Job]:
+    """Return all jobs, each once, those of the paper's own experiments first.
+
+    Before all others stands a flight through the filter, whose kernels one process compiles while another those of the
+    regressions, with the flight behind it.
+    """
+    flights = [job for each in jobs.values() for job in each if not isinstance(job, FloorJob)]
+    floors = [job for each in jobs.values() for job in each if isinstance(job, FloorJob)]
+    warm = confidence.band_jobs(confidence.VEHICLES[0], 1)[:1]
+    return list(dict.fromkeys([*warm, flights[0], *floors, *flights[1:]]))
+
+
 def reproduce(case: str, seeds: int, out: str, say: Callable[[str], None] = lambda line: None) -> str:
-    """Run one experiment or all, one after the other, the paper's own first; return the text to print.
+    """Run one experiment or all, on all cores, the paper's own first; return the text to print.
 
     Figures, `table.md` and `results.json` are in the folder `out` as soon as an experiment is done, and `say` prints a
-    line: an interruption loses the experiment in work alone.
+    line: an interruption loses the experiments in work alone.
     """
     names = list(CASES) if case == "all" else [case] if case in CASES else []
     folder = make_folder(out)
+    needed = jobs_of(names, confidence.VEHICLES if case in ("all", CONFIDENCE) else (), seeds)
+    jobs, outcomes = in_order(needed), dict[Job, Any]()
     head = [f"launchid reproduce --case {case} --seeds {seeds}", ""]
     scores: dict[str, list[dict[str, Any]]] = {}
     bands: dict[str, list[confidence.Band]] = {}
     figures: list[str] = []
-    text = head
-    for name in names:
-        results = flown(case_jobs([name], seeds), fly_job, name)
-        if name == "constant":
-            head += [*xi_lines(results), ""]
-        scores[name] = rows_of(CASES[name], results)
-        text = write_tables(folder, head, scores, bands)
-        figures += (drawn := draw(_paper_figures, folder, name, results))
-        first = scores[name][0]
-        say(f"{name}: {first['verdict'] or 'done'}, {first['inside']} of {first['counted']} windows within the claim's "
-            f"tolerance; {', '.join(drawn)}")
-    for name in confidence.VEHICLES if case in ("all", CONFIDENCE) else ():
-        bands[name] = flown(confidence.band_jobs(name, seeds), confidence.fly_band, f"{CONFIDENCE}, {name}")
-        text = write_tables(folder, head, scores, bands)
-        figures += (drawn := draw(_confidence_figures, folder, {name: bands[name]}))
-        say(f"{CONFIDENCE}, {name}: done; {', '.join(drawn)}")
-    figures = list(dict.fromkeys(figures))
-    return "\n".join([*text, "", f"written to {folder}: table.md, results.json, {', '.join(figures)}"])
+
+    def done(number: int, outcome: Any) -> None:
+        """Note a job's outcome, and show each experiment that it completes."""
+        outcomes[jobs[number]] = outcome
+        for name, its in list(needed.items()):
+            if all(job in outcomes for job in its):
+                del needed[name]
+                drawn = show(name, its)
+                figures.extend(drawn)
+
+    def show(name: str, its: list[Job]) -> list[str]:
+        """Write tables and figures of an experiment, and say that it is done; return the figures' names."""
+        if name in CASES:
+            results = sorted((outcomes[job][name] for job in its if isinstance(job, VehicleJob)),
+                             key=lambda result: (result.delta, result.seed))
+            if name == "constant":
+                head.extend([*xi_lines(results), ""])
+            scores[name] = rows_of(CASES[name], results, outcomes)
+            write_tables(folder, head, scores, bands)
+            drawn, first = draw(_paper_figures, folder, name, results), scores[name][0]
+            say(f"{name}: {first['verdict'] or 'done'}, {first['inside']} of {first['counted']} windows within the "
+                f"claim's tolerance; {', '.join(drawn)}")
+            return drawn
+        vehicle = name.removeprefix(f"{CONFIDENCE}, ")
+        bands[vehicle] = [outcomes[job] for job in its]
+        write_tables(folder, head, scores, bands)
+        drawn = draw(_confidence_figures, folder, {vehicle: bands[vehicle]})
+        say(f"{name}: done; {', '.join(drawn)}")
+        return drawn
+
+    run_jobs(jobs, work, chunk=1, progress=Counter(len(jobs), "flights"), done=done)
+    text = write_tables(folder, head, scores, bands)
+    return "\n".join([*text, "", f"written to {folder}: table.md, results.json, "
+                      f"{', '.join(dict.fromkeys(figures))}"])
 
 
 def write_tables(folder: Path, head: list[str], scores: dict[str, list[dict[str, Any]]],
                  bands: dict[str, list[confidence.Band]]) -> list[str]:
     """Write `table.md` and `results.json` of the experiments that are done; return the lines of the table."""
+    scores = {name: scores[name] for name in CASES if name in scores}
     text = list(head)
     if scores:
         text += table_lines(scores)

@@ -197,10 +197,12 @@ class _Asked:
 
 def run_jobs(jobs: Sequence[Any], work: Callable[[Any], Any],
              executor: Executor | Callable[[], Executor] | None = None, workers: int | None = None,
-             chunk: int | None = None, progress: Callable[[int], object] | None = None) -> list[Any]:
+             chunk: int | None = None, progress: Callable[[int], object] | None = None,
+             done: Callable[[int, Any], object] | None = None) -> list[Any]:
     """The outcome of `work` for each job, in the order of the jobs; no journal, for minutes of work.
 
-    Arguments as of `run_campaign`, but what `work` returns is anything that travels, and what it raises is raised.
+    Arguments as of `run_campaign`, but what `work` returns is anything that travels, and what it raises is raised;
+    done   called with a job's number and outcome as soon as it is there
     """
     if len(jobs) == 0:
         return []
@@ -214,6 +216,8 @@ def run_jobs(jobs: Sequence[Any], work: Callable[[Any], Any],
                 if isinstance(outcome, Died):
                     raise UsageError(f"{jobs[number]}: {outcome}")
                 results[number] = outcome
+                if done is not None:
+                    done(number, outcome)
             report(len(outcomes))
     return results
 

@@ -9,11 +9,12 @@ of theta_dot (`difference`), with q = 0 on theta_dot itself (`integral`).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from ..sums import combined, products, square
+from ..sums import along, combined, products
 from .rows import Modes
 
 BINS = 120            # of neighbouring modes that share a weight while the noise is sought
@@ -24,6 +25,7 @@ SIGNAL = 0.5          # of the columns' products, in every direction, that must 
 UNTOLD = 20.0         # modes, by which the rest's spectrum is drawn to the noise's
 UNEVEN = 0.01         # p-value below which the rest's own spectrum is its noise
 FEWEST_IN_BAND = 4    # modes
+BATCH = 16            # regressions that are computed together: what is at work fits into a processor's cache
 
 
 Prior = Sequence[tuple[int, float, float]]
@@ -68,83 +70,169 @@ def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = (), own: 
 
     Where the rest is not as white as the two ratios make it, its own spectrum in bands is the noise.
     """
-    n, q = len(m.y), m.phi.shape[1] + m.ends.shape[1]
-    if not np.any(m.y):   # at rest
-        k = m.phi.shape[1]
-        return Fit(np.full(k, math.nan), np.full((k, k), math.nan), np.ones(n), m.y, m.y, n - q, True)
-    own = own or noise_likelihood(m)
-    s, accumulated = mixed(m, own.restricted if likelihood is None else likelihood, own.scale)
-    disturbed = float(np.sum(accumulated / s))
-    for step in range(3):   # the scale; what the quadrature of these coefficients may be off; the rest's own spectrum
-        xi, covariance = solved(m, s, prior if step else (), disturbed)
-        if covariance is None:
-            nothing = np.full(n, math.nan)
-            return Fit(xi, np.full((len(xi), len(xi)), math.nan), s, nothing, nothing, n - q, True)
-        e = apart(m, s, m.y - combined(m.phi, xi))
-        if step == 0:
-            s = s * max(square(e / np.sqrt(s)) / max(n - q, 1), 1e-300) + quadrature(m, xi)
-        else:
-            w = apart(m, s, m.phi) / np.sqrt(s)[:, None]
-            fit = Fit(xi, covariance, s, e / np.sqrt(s), np.einsum("nk,kl,nl->n", w, covariance, w), n - q)
-            frequency, squares, many, _ = spectrum(fit, m, BANDS)
-            p = whiteness(squares, many)
-            if p is None or p > UNEVEN or step == 2:
-                return fit
-            told = (many * squares + UNTOLD) / (many + UNTOLD)   # few modes tell little of their own
-            s = s * np.exp(np.interp(np.log(m.frequency), np.log(frequency), np.log(told)))
-    raise AssertionError("unreachable")
+    return gls_of_all([m], None if likelihood is None else [likelihood], None if own is None else [own], prior)[0]
 
 
-def apart(m: Modes, s: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return x (n,) or (n, q) without what the ends of the stretches may be in it, under variances s (n,)."""
+def alike(regressions: Sequence[Modes]) -> list[list[int]]:
+    """Return the places of regressions that have the same modes and number of columns, at most BATCH together."""
+    groups = dict[tuple[object, ...], list[int]]()
+    for k, m in enumerate(regressions):
+        groups.setdefault((m.noises.tobytes(), m.curl.tobytes(), m.phi.shape[1], m.ends.shape[1]), []).append(k)
+    return [group[k:k + BATCH] for group in groups.values() for k in range(0, len(group), BATCH)]
+
+
+def gls_of_all(regressions: Sequence[Modes], likelihoods: Sequence[np.ndarray] | None = None,
+               owns: Sequence[Noise] | None = None, prior: Prior = ()) -> list[Fit]:
+    """Return the fits of regressions, arguments as of `gls`: of those together that have the same modes."""
+    owns = noise_likelihoods(regressions) if owns is None else owns
+    likelihoods = [own.restricted for own in owns] if likelihoods is None else likelihoods
+    fits = dict[int, Fit]()
+    for group in alike(regressions):
+        stack = Stack.of([regressions[k] for k in group])
+        n, q = stack.phi.shape[2], stack.phi.shape[1] + stack.ends.shape[1]
+        s, accumulated = mixed(stack, np.stack([likelihoods[k] for k in group]),
+                               np.stack([owns[k].scale for k in group]))
+        disturbed = np.sum(accumulated / s, axis=1)
+        fits |= {k: unknown(regressions[k], np.ones(n), y) for k, y in zip(group, stack.y, strict=True) if not y.any()}
+        left = [j for j, k in enumerate(group) if k not in fits]   # the others are at rest
+        for step in range(3):   # scale; what the quadrature of these coefficients may be off; the rest's own spectrum
+            if not left:
+                break
+            at = stack.part(left)
+            root = np.sqrt(s[left])
+            w = apart(at, root, at.phi) / root[:, None]
+            xi, covariance, is_told = solved(at, s[left], w, prior if step else (), disturbed[left])
+            e = apart(at, root, (at.y - np.einsum("akn,ak->an", at.phi, xi))[:, None])[:, 0] / root
+            leverage = np.einsum("akn,akn->an", np.einsum("akl,aln->akn", covariance, w), w)
+            scale = np.maximum(np.einsum("an,an->a", e, e) / max(n - q, 1), 1e-300)
+            doubt = quadrature(at, xi) if step == 0 else None
+            going = list[int]()
+            for i, j in enumerate(left):
+                k = group[j]
+                m = regressions[k]
+                if not is_told[i]:
+                    fits[k] = unknown(m, s[j].copy(), np.full(n, math.nan))
+                    continue
+                if doubt is not None:
+                    s[j] = s[j] * scale[i] + doubt[i]
+                    going.append(j)
+                    continue
+                fit = Fit(xi[i], covariance[i], s[j].copy(), e[i], leverage[i], n - q)
+                frequency, squares, many, _ = spectrum(fit, m, BANDS)
+                p = whiteness(squares, many)
+                if p is None or p > UNEVEN or step == 2:
+                    fits[k] = fit
+                    continue
+                told = (many * squares + UNTOLD) / (many + UNTOLD)   # few modes tell little of their own
+                s[j] = s[j] * np.exp(np.interp(np.log(m.frequency), np.log(frequency), np.log(told)))
+                going.append(j)
+            left = going
+    return [fits[k] for k in range(len(regressions))]
+
+
+def unknown(m: Modes, variance: np.ndarray, nothing: np.ndarray) -> Fit:
+    """Return the fit of a regression whose columns cannot be told apart."""
+    q = m.phi.shape[1]
+    return Fit(np.full(q, math.nan), np.full((q, q), math.nan), variance, nothing, nothing,
+               len(m.y) - q - m.ends.shape[1], True)
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Regressions with the same modes: `Modes` with one more dimension, the modes last; `first` of them for what is the
+    same in all.
+
+    y, step (a, n);  phi, doubt (a, q, n);  ends (a, k, n);  sensor (a, q, q);  motion, ahead (a, q)
+    """
+
+    y: np.ndarray
+    step: np.ndarray
+    phi: np.ndarray
+    doubt: np.ndarray
+    ends: np.ndarray
+    sensor: np.ndarray
+    motion: np.ndarray
+    ahead: np.ndarray
+    first: Modes
+
+    @staticmethod
+    def of(regressions: Sequence[Modes]) -> "Stack":
+        """Return regressions with the same modes as one."""
+        y, step, sensor, motion, ahead = (np.stack([getattr(m, name) for m in regressions])
+                                          for name in ("y", "step", "sensor", "motion", "ahead"))
+        phi, doubt, ends = (np.ascontiguousarray(np.stack([getattr(m, name).T for m in regressions]))
+                            for name in ("phi", "doubt", "ends"))
+        return Stack(y, step, phi, doubt, ends, sensor, motion, ahead, regressions[0])
+
+    def part(self, at: list[int]) -> "Stack":
+        """Return some of the regressions."""
+        return self if len(at) == len(self.y) else Stack(
+            self.y[at], self.step[at], self.phi[at], self.doubt[at], self.ends[at], self.sensor[at], self.motion[at],
+            self.ahead[at], self.first)
+
+
+def apart(m: Stack, root: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return columns x (a, q, n) without what the ends of the stretches may be in them, for deviations root (a, n)."""
     if not m.ends.shape[1]:
         return x
-    w = 1.0 / np.sqrt(s)[:, None]
-    weighted = x[:, None] * w if x.ndim == 1 else x * w
-    told = np.column_stack([least(m.ends * w, each) for each in weighted.T]) if weighted.shape[1] else \
-        np.zeros((m.ends.shape[1], 0))
-    return x - np.reshape(np.stack([combined(m.ends, each) for each in told.T], axis=-1), x.shape) if told.size else x
+    ends = m.ends / root[:, None]
+    size = np.sqrt(np.maximum(np.einsum("akn,akn->ak", ends, ends), 1e-300))
+    ends /= size[:, :, None]
+    inverse = np.linalg.pinv(np.einsum("akn,aln->akl", ends, ends), RANK, hermitian=True)
+    told = np.einsum("akl,aql->aqk", inverse, np.einsum("akn,aqn->aqk", ends, x / root[:, None]))
+    return x - np.einsum("aqk,akn->aqn", told, ends) * root[:, None]
 
 
-def solved(m: Modes, s: np.ndarray, prior: Prior = (), disturbed: float = 0.0) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return (coefficients, covariance) under variances s (n,), the latter None where columns cannot be told apart.
+def solved(m: Stack, s: np.ndarray, w: np.ndarray, prior: Prior,
+           disturbed: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (coefficients (a, q), covariances (a, q, q), (a,) bool: the columns can be told apart) under variances s
+    (a, n), of whitened columns w (a, q, n).
 
     What the sensors' noise adds to the columns' products is taken off them (errors in variables: bias-compensated least
     squares), and from those with the slope of theta what its own noise adds; so is, of a rate, what disturbs it during
     the row itself: `disturbed` modes of their noise are disturbances.
     """
-    w = apart(m, s, m.phi) / np.sqrt(s)[:, None]
-    gram, right = products(w, w), products(w, (m.y / np.sqrt(s))[:, None])[:, 0]
-    passed = m.step**2 * (1.0 - 0.25 * m.curl) * (1.0 + m.curl / 12.0) ** 2 / s   # of Gregory's rule
-    inner = gram - m.sensor * float(np.sum(passed))
-    right = right - m.ahead * disturbed
-    if not m.has_rate:
-        right = right + m.motion * float(np.sum(m.curl * (1.0 - 0.25 * m.curl) / s))
+    curl = m.first.curl
+    gram, right = np.einsum("akn,aln->akl", w, w), np.einsum("akn,an->ak", w, m.y / np.sqrt(s))
+    passed = m.step**2 * (1.0 - 0.25 * curl) * (1.0 + curl / 12.0) ** 2 / s   # of Gregory's rule
+    inner = gram - m.sensor * np.sum(passed, axis=1)[:, None, None]
+    right = right - m.ahead * disturbed[:, None]
+    if not m.first.has_rate:
+        right = right + m.motion * np.sum(curl * (1.0 - 0.25 * curl) / s, axis=1)[:, None]
     for k, value, std in prior:
-        add = np.zeros_like(gram)
-        add[k, k] = 1.0 / std**2
-        gram, inner = gram + add, inner + add
-        right[k] += value / std**2
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    scaled, whole = inner / np.outer(size, size), gram / np.outer(size, size)
+        gram[:, k, k] += 1.0 / std**2
+        inner[:, k, k] += 1.0 / std**2
+        right[:, k] += value / std**2
+    size = np.sqrt(np.maximum(np.einsum("akk->ak", gram), 1e-300))
+    square_of = size[:, :, None] * size[:, None, :]
+    scaled, whole = inner / square_of, gram / square_of
+    inverse, half = inverted(scaled), inverted(whole, is_root=True)
+    is_told = np.isfinite(inverse).all(axis=(1, 2)) & np.isfinite(half).all(axis=(1, 2))
+    signal = np.full(len(s), -math.inf)
+    signal[is_told] = np.linalg.eigvalsh((half @ scaled @ np.swapaxes(half, 1, 2))[is_told])[:, 0]
+    with np.errstate(invalid="ignore"):
+        is_told &= (signal >= SIGNAL) & ~(np.max(np.einsum("akk->ak", inverse), axis=1) > 1.0 / RANK)
+        spread = inverse @ whole @ inverse
+        return np.einsum("akl,al->ak", inverse, right / size) / size, spread / square_of, is_told
+
+
+def inverted(a: np.ndarray, is_root: bool = False) -> np.ndarray:
+    """Return the inverses of matrices a (a, q, q), or those of their Cholesky roots; nan where there is none."""
     try:
-        inverse, half = np.linalg.inv(scaled), np.linalg.inv(np.linalg.cholesky(whole))
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(a) if is_root else a))
     except np.linalg.LinAlgError:
-        return np.full(len(right), math.nan), None
-    if np.linalg.eigvalsh(half @ scaled @ half.T)[0] < SIGNAL:
-        return np.full(len(right), math.nan), None
-    if not np.all(np.isfinite(inverse)) or np.max(np.diag(inverse)) > 1.0 / RANK:
-        return np.full(len(right), math.nan), None
-    spread = inverse @ whole @ inverse
-    return inverse @ (right / size) / size, spread / np.outer(size, size)
+        return np.full_like(a, math.nan) if len(a) == 1 else np.concatenate([inverted(a[k:k + 1], is_root)
+                                                                             for k in range(len(a))])
 
 
 def least(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return the coefficients (q,) of least squares of y (n,) on phi (n, q)."""
+    """Return the coefficients (q,) or (q, k) of least squares of y (n,) or (n, k) on phi (n, q)."""
     size = np.sqrt(np.maximum(np.sum(phi**2, axis=0), 1e-300))
     scaled = phi / size
-    gram, right = products(scaled, scaled), products(scaled, y[:, None])[:, 0]
-    return np.asarray(np.linalg.lstsq(gram, right, rcond=RANK)[0] / size)
+    gram = products(scaled, scaled)
+    if y.ndim == 1:
+        return np.asarray(np.linalg.lstsq(gram, along(scaled, y), rcond=RANK)[0] / size)
+    return np.asarray(np.linalg.lstsq(gram, products(scaled, y), rcond=RANK)[0] / size[:, None])
 
 
 def rest(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -152,66 +240,91 @@ def rest(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
     return y - combined(phi, least(phi, y)) if phi.shape[1] else y
 
 
-def quadrature(m: Modes, xi: np.ndarray) -> np.ndarray:
-    """Return the square (n,) of what the integrals may be off: a fourth of what Gregory's rule adds to the trapezium,
-    taken over neighbouring modes."""
-    off = 0.25 * combined(m.doubt, xi)
-    reach = 4
-    sums = np.concatenate([np.zeros(reach + 1), np.cumsum(off**2), np.full(reach, np.sum(off**2))])
-    sums[:reach + 1] = 0.0
-    many = 2 * reach + 1
-    return np.asarray((sums[many:] - sums[:-many]) / many) if len(off) > many else np.full(len(off), np.mean(off**2))
+def quadrature(m: Stack, xi: np.ndarray) -> np.ndarray:
+    """Return the squares (a, n) of what the integrals may be off: a fourth of what Gregory's rule adds to the
+    trapezium, taken over neighbouring modes."""
+    squares, reach = (0.25 * np.einsum("akn,ak->an", m.doubt, xi)) ** 2, 4
+    if squares.shape[1] <= 2 * reach + 1:
+        return np.repeat(np.mean(squares, axis=1, keepdims=True), squares.shape[1], axis=1)
+    padded = np.pad(squares, ((0, 0), (reach, reach)))
+    return np.asarray(np.mean(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=1), axis=2))
 
 
-def mixed(m: Modes, likelihood: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the variance (n,) of each mode, its mean over the ratios by their likelihood (SPAN, SPAN), and of it what
-    is accumulated.
+def mixed(m: Stack, likelihood: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the variances (a, n) of the modes, their means over the ratios by their likelihood (a, SPAN, SPAN), and of
+    them what is accumulated.
 
     Of an accumulated noise that a window hardly shows the most likely level is zero, and the mean is not.
     """
-    weight = np.exp(likelihood - np.max(likelihood))
-    weight = weight / np.sum(weight) * scale
+    weight = np.exp(likelihood - np.max(likelihood, axis=(1, 2), keepdims=True))
+    weight = weight / np.sum(weight, axis=(1, 2), keepdims=True) * scale
     ratio = 10.0**SPAN
-    levels = (np.sum(weight), np.sum(ratio[:, None] * weight), np.sum(ratio * weight))
-    parts = [level * shape for level, shape in zip(levels, parts_of_noise(m), strict=True)]
-    return np.asarray(sum(parts)), parts[0]
+    by_sensor, by_slow = np.sum(weight, axis=2), np.sum(weight, axis=1)
+    levels = np.stack([np.sum(by_slow, axis=1), by_sensor @ ratio, by_slow @ ratio])
+    parts = levels[:, :, None] * m.first.noises[:, None]
+    return np.asarray(parts[0] + parts[1] + parts[2]), parts[0]
 
 
-def parts_of_noise(m: Modes) -> np.ndarray:
-    """Return the shapes (3, n) of the noise: accumulated, of the sensor, wandering."""
-    sensor = m.curl if m.has_rate else m.curl**2
-    return np.stack([np.ones(len(m.curl)), sensor, 1.0 / m.curl]) * (m.step / np.median(m.step))
+@lru_cache(maxsize=32)
+def weights(noises: bytes, curl: bytes) -> tuple[np.ndarray, ...]:
+    """Return what the noise's ratios make of modes whose noises (3, n) and lambda (n,) these are: their order, the
+    first of each bin in it, one over the variance (bins, SPAN^2) of a bin, the sum of its logarithms (SPAN^2,)."""
+    shapes, order = np.reshape(np.frombuffer(noises), (3, -1)), np.argsort(np.frombuffer(curl), kind="stable")
+    n = len(order)
+    edges = np.unique(np.round(np.concatenate([[0.0], np.geomspace(1.0, n, min(BINS, n))])).astype(int))
+    many = np.diff(edges).astype(float)
+    means = np.add.reduceat(shapes[:, order], edges[:-1], axis=1) / many
+    sensor, slow = (each.ravel() for each in np.meshgrid(10.0**SPAN, 10.0**SPAN, indexing="ij"))
+    s = means[0][:, None] + sensor * means[1][:, None] + slow * means[2][:, None]
+    return order, edges[:-1], 1.0 / s, np.einsum("b,bg->g", many, np.log(s))
 
 
-def noise_likelihood(m: Modes) -> Noise:
-    """Return the likelihood of the noise's ratios, each mode being one of BINS, which share a weight."""
-    shapes = parts_of_noise(m)
-    order = np.argsort(m.curl, kind="stable")
-    edges = np.unique(np.round(np.concatenate([[0.0], np.geomspace(1.0, len(m.y), min(BINS, len(m.y)))])).astype(int))
-    phi = np.column_stack([m.phi, m.ends])
-    columns = np.sqrt(np.sum(phi**2, axis=0))
-    columns = np.where(columns > 0.0, columns, 1.0)
-    table = np.column_stack([phi / columns, m.y])[order]
-    bins = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
-    many = np.bincount(bins).astype(float)
-    grams = np.add.reduceat(table[:, :, None] * table[:, None, :], edges[:-1], axis=0)
-    means = np.array([np.bincount(bins, shape[order]) / many for shape in shapes])
-    sensor, slow = (each.ravel() for each in np.meshgrid(SPAN, SPAN, indexing="ij"))
-    s = means[0] + 10.0**sensor[:, None] * means[1] + 10.0**slow[:, None] * means[2]
-    gram = np.reshape(products((1.0 / s).T, np.reshape(grams, (len(many), -1))), (len(s), *grams.shape[1:]))
-    inner, right, yy = gram[:, :-1, :-1], gram[:, :-1, -1], gram[:, -1, -1]
-    size = np.sqrt(np.maximum(np.einsum("gii->gi", inner), 1e-300))
-    scaled = inner / size[:, :, None] / size[:, None, :] + 1e-13 * np.eye(inner.shape[1])
-    xi = np.linalg.solve(scaled, (right / size)[:, :, None])[:, :, 0]
-    left = yy - np.einsum("gi,gi->g", xi, right / size)
-    left = np.maximum(left, 1e-14 * yy + 1e-300)
-    degrees = max(len(m.y) - phi.shape[1], 1)
-    shapes_of = np.einsum("b,gb->g", many, np.log(s))
-    largest = -0.5 * (len(m.y) * np.log(left) + shapes_of)
-    value = -0.5 * (degrees * np.log(left) + shapes_of
-                    + np.linalg.slogdet(scaled)[1] + 2.0 * np.sum(np.log(size), axis=1))
-    grid = len(SPAN), len(SPAN)
-    return Noise(*(np.reshape(each, grid) for each in (value - np.max(value), left / degrees, largest)))
+def noise_likelihoods(regressions: Sequence[Modes]) -> list[Noise]:
+    """Return the likelihood of each regression's noise's ratios, each mode being one of BINS, which share a weight.
+
+    The columns are eliminated from y one after the other (Cholesky), for all ratios at once.
+    """
+    made = dict[int, Noise]()
+    for group in alike(regressions):
+        m = Stack.of([regressions[k] for k in group])
+        order, first, inverse, logarithms = weights(m.first.noises.tobytes(), m.first.curl.tobytes())
+        table = np.concatenate([m.phi, m.ends, m.y[:, None]], axis=1)
+        many, q, n, ratios = len(table), table.shape[1] - 1, table.shape[2], inverse.shape[1]
+        size = np.sqrt(np.einsum("aqn,aqn->aq", table, table))
+        size[:, q] = 1.0
+        table = (table / np.where(size > 0.0, size, 1.0)[:, :, None])[:, :, order]
+        low, high = np.tril_indices(q + 1)
+        bins = np.add.reduceat(np.swapaxes(table[:, low] * table[:, high], 0, 1), first, axis=2)
+        told = np.einsum("bg,pb->pg", inverse, np.reshape(bins, (-1, len(first))))
+        gram = np.zeros((q + 1, q + 1, many, ratios))
+        gram[low, high] = gram[high, low] = np.reshape(told, (-1, many, ratios))
+        diagonal = np.arange(q)
+        size = np.sqrt(np.maximum(gram[diagonal, diagonal], 1e-300))
+        yy = gram[q, q].copy()
+        gram[:q] /= size[:, None]
+        gram[:, :q] /= size
+        gram[diagonal, diagonal] += 1e-13
+        determinant = 2.0 * np.sum(np.log(size), axis=0)
+        for k in range(q):
+            determinant += np.log(gram[k, k])
+            gram[k + 1:, k + 1:] -= gram[k + 1:, None, k] * (gram[None, k, k + 1:] / gram[k, k])
+        left = np.maximum(gram[q, q], 1e-14 * yy + 1e-300)
+        degrees = max(n - q, 1)
+        largest = -0.5 * (n * np.log(left) + logarithms)
+        value = -0.5 * (degrees * np.log(left) + logarithms + determinant)
+        grid = many, len(SPAN), len(SPAN)
+        told_of = (np.reshape(each, grid) for each in (
+            value - np.max(value, axis=1, keepdims=True), left / degrees, largest))
+        made |= {k: Noise(*each) for k, each in zip(group, zip(*told_of, strict=True), strict=True)}
+    return [made[k] for k in range(len(regressions))]
+
+
+@lru_cache(maxsize=128)
+def edges_of(n: int, bands: int) -> np.ndarray:
+    """Return the first of n modes, by frequency, of each band, and their number."""
+    count = max(1, min(bands, n // FEWEST_IN_BAND))
+    ends = np.round(np.geomspace(FEWEST_IN_BAND, max(n, FEWEST_IN_BAND), count)).astype(int)
+    return np.unique(np.concatenate([[0], np.minimum(ends, n)]))
 
 
 def spectrum(fit: Fit, m: Modes, bands: int) -> tuple[np.ndarray, ...]:
@@ -219,15 +332,11 @@ def spectrum(fit: Fit, m: Modes, bands: int) -> tuple[np.ndarray, ...]:
 
     Mean squares are 1 where the noise is as it was taken.
     """
-    order = np.argsort(m.frequency, kind="stable")
-    n = len(order)
-    count = max(1, min(bands, n // FEWEST_IN_BAND))
-    edges = np.unique(np.round(np.geomspace(FEWEST_IN_BAND, max(n, FEWEST_IN_BAND), count)).astype(int))
-    rows = [order[a:b] for a, b in zip([0, *edges[:-1].tolist()], edges.tolist(), strict=True) if b > a]
-    whole = max(float(np.sum(fit.leverage)), 1e-300)
-    return (np.array([np.mean(m.frequency[each]) for each in rows]),
-            np.array([np.mean(fit.whitened[each] ** 2) for each in rows]), np.array([len(each) for each in rows]),
-            np.array([np.sum(fit.leverage[each]) / whole for each in rows]))
+    edges = edges_of(len(m.y), bands)
+    many = np.diff(edges)
+    table = np.stack([m.frequency, fit.whitened**2, fit.leverage])[:, np.argsort(m.frequency, kind="stable")]
+    frequency, squares, leverage = np.add.reduceat(table, edges[:-1], axis=1)
+    return frequency / many, squares / many, many, leverage / max(float(np.sum(fit.leverage)), 1e-300)
 
 
 def whiteness(squares: np.ndarray, many: np.ndarray) -> float | None:

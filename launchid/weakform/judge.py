@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..sums import combined, square
-from .fit import Fit, Noise, gls, least, noise_likelihood, rest, spectrum, whiteness
-from .rows import FAST_THETA, Modes, Rows, ends_of, increments, later, regression, term_modes, values_of
+from .fit import RANK, Fit, Noise, gls_of_all, least, noise_likelihoods, rest, spectrum, whiteness
+from .rows import FAST_THETA, Modes, Rows, ends_of, in_modes, increments, later, term_modes, values_of
 
 PIECE = 5.0          # s over which one set of coefficients holds while the log is asked,
 ROWS = 250           # and rows: of a slow log the vehicle is slower, too
@@ -34,6 +34,7 @@ RUNS = 3.0           # times its fast part, that all of theta is where it runs a
 LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
 MOST_DELAY = 0.3     # s either way
 DELAY_STEP = 0.0125  # s of the first search
+FEWEST_CLOCK = 6     # pieces that say when beta acts, for a clock that runs slow
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
 SAME_INPUT = 0.9     # |correlation| of a shifted beta with itself: an input that repeats is no placebo
 BEYOND = 0.5         # of the likelihood that beta gains, that the best placebo must not
@@ -89,24 +90,34 @@ class Piece:
         """One over the standard deviation (n,) of each mode."""
         return np.asarray(1.0 / np.sqrt(self.fit.variance))
 
-    def unexplained(self, phi: np.ndarray) -> float:
-        """Return the weighted squares that columns (n, q) leave."""
-        w = self.weight
-        table = np.column_stack([phi, self.modes.ends])
-        return square(rest(table * w[:, None], self.modes.y * w))
+    def shifted(self, terms: tuple[str, ...], leads: list[float]) -> np.ndarray:
+        """Return the columns (n, k, q) of terms with a beta that acts later by each of k leads [s]."""
+        return with_betas(self.rows, self.modes, terms, [later(self.rows, lead) for lead in leads])
 
-    def with_beta(self, terms: tuple[str, ...], beta: np.ndarray) -> np.ndarray:
-        """Return the columns (n, q) of terms with another beta (rows,)."""
-        rows, phi = self.rows, self.modes.phi.copy()
-        places = [k for k, term in enumerate(terms) if "beta" in term]
-        values = np.column_stack([values_of(rows, terms[k], rows.attack, rows.theta_dot, beta) for k in places])
-        ends = ends_of(rows, tuple(terms[k] for k in places), values, beta)
-        phi[:, places] = regression(rows, values, ends, *[np.zeros(0)] * 3).phi
-        return phi
+    def unexplained(self, terms: tuple[str, ...], leads: list[float]) -> np.ndarray:
+        """Return the weighted squares (k,) that terms leave with a beta that acts later by each of k leads [s]."""
+        w, ends = self.weight, np.repeat(self.modes.ends[:, None, :], len(leads), axis=1)
+        phi = np.transpose(np.concatenate([self.shifted(terms, leads), ends], axis=2), (1, 2, 0))
+        phi = np.multiply(phi, w, order="C")
+        phi /= np.sqrt(np.maximum(np.einsum("kqn,kqn->kq", phi, phi), 1e-300))[:, :, None]
+        inverse = np.linalg.pinv(np.einsum("kqn,krn->kqr", phi, phi), RANK, hermitian=True)
+        y = self.modes.y * w
+        xi = np.einsum("kqr,kr->kq", inverse, np.einsum("kqn,n->kq", phi, y))
+        left = y - np.einsum("kq,kqn->kn", xi, phi)
+        return np.einsum("kn,kn->k", left, left)
 
-    def shifted(self, terms: tuple[str, ...], lead: float) -> np.ndarray:
-        """Return the columns (n, q) of terms with a beta that acts later [s]."""
-        return self.with_beta(terms, later(self.rows, lead))
+
+def with_betas(rows: Rows, m: Modes, terms: tuple[str, ...], betas: list[np.ndarray]) -> np.ndarray:
+    """Return the columns (n, k, q) of terms, which are those of m, under k other betas (rows,)."""
+    places = [k for k, term in enumerate(terms) if "beta" in term]
+    moving = tuple(terms[k] for k in places)
+    values = [np.column_stack([values_of(rows, term, rows.attack, rows.theta_dot, beta) for term in moving])
+              for beta in betas]
+    ends = [ends_of(rows, moving, each, beta) for each, beta in zip(values, betas, strict=True)]
+    phi, _ = in_modes(rows, np.hstack(values), np.hstack(ends))
+    whole = np.repeat(m.phi[:, None, :], len(betas), axis=1)
+    whole[:, :, places] = np.reshape(phi, (len(phi), len(betas), len(places)))
+    return whole
 
 
 @dataclass(frozen=True)
@@ -167,9 +178,11 @@ def pieces_of(rows: Rows, terms: tuple[str, ...]) -> list[Piece]:
 
 def fitted(made: list[tuple[Rows, Modes]]) -> list[Piece]:
     """Return the pieces of some rows and their regressions, with the noise of all of them together."""
-    noises = [noise_likelihood(m) for _, m in made]
+    regressions = [m for _, m in made]
+    noises = noise_likelihoods(regressions)
     whole = np.sum([noise.restricted for noise in noises], axis=0)
-    return [Piece(part, m, gls(m, whole, own=own), own) for (part, m), own in zip(made, noises, strict=True)]
+    fits = gls_of_all(regressions, [whole] * len(made), noises)
+    return [Piece(part, m, fit, own) for (part, m), fit, own in zip(made, fits, noises, strict=True)]
 
 
 def likelihood(pieces: list[Piece]) -> float:
@@ -321,7 +334,7 @@ def explained(pieces: list[Piece], terms: tuple[str, ...], lead: float = 0.0) ->
     for piece in pieces:
         m = piece.modes
         slow = m.frequency < WIDE
-        phi = piece.shifted(terms, lead) if lead else term_modes(piece.rows, terms).phi
+        phi = piece.shifted(terms, [lead])[:, 0] if lead else term_modes(piece.rows, terms).phi
         left += square(rest(phi[slow], m.y[slow]))
         whole += square(m.y[slow])
     return max(1.0 - left / whole, 0.0) if whole > 0.0 else 0.0
@@ -335,40 +348,50 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
     in no term, or the best shift is at the end of the search."""
     if not any("beta" in term for term in terms):
         return None
-
-    def left(lead: float, of: slice) -> float:
-        return sum(piece.unexplained(piece.shifted(terms, lead)) for piece in pieces[of])
-
     grid = DELAY_STEP * np.arange(-round(MOST_DELAY / DELAY_STEP), round(MOST_DELAY / DELAY_STEP) + 1)
-    at = np.array([[piece.unexplained(piece.shifted(terms, lead)) for piece in pieces] for lead in grid.tolist()])
-
-    def best(of: slice) -> tuple[float, float] | None:
-        k = int(np.argmin(np.sum(at[:, of], axis=1)))
-        if not 0 < k < len(grid) - 1:
-            return None
-        value, std = float(grid[k]), None
-        for step in (DELAY_STEP, 0.25 * DELAY_STEP, 0.1 * DELAY_STEP):
-            low, middle, high = (left(value + side * step, of) for side in (-1, 0, 1))
-            bend = low - 2.0 * middle + high
-            if not bend > 0.0:   # flatter than the numbers' own error
-                break
-            value += step * float(np.clip(0.5 * (low - high) / bend, -1.0, 1.0))
-            std = step * math.sqrt(2.0 / bend)
-        return None if std is None else (value, std)
-
-    whole = best(slice(None))
-    if whole is None:
+    at = np.array([piece.unexplained(terms, grid.tolist()) for piece in pieces])
+    k = int(np.argmin(np.sum(at, axis=0)))
+    if not 0 < k < len(grid) - 1:
         return None
-    if len(pieces) >= 6:
-        third = len(pieces) // 3
-        first, last = best(slice(third)), best(slice(-third, None))
-        if first is not None and last is not None:
-            off = last[0] - first[0]
-            if abs(off) > SHIFT * math.hypot(first[1], last[1]) and abs(off) > rows.period:
-                begin, end = (0.5 * float(of[0].rows.t[0] + of[-1].rows.t[-1])
-                              for of in (pieces[:third], pieces[-third:]))
-                return Lead(0.5 * (first[0] + last[0]), whole[1], off / (end - begin), 0.5 * (begin + end))
-    return Lead(*whole)
+    value, std = float(grid[k]), None
+    for step in (DELAY_STEP, 0.25 * DELAY_STEP, 0.1 * DELAY_STEP):
+        leads = [value - step, value, value + step]
+        low, middle, high = np.sum([piece.unexplained(terms, leads) for piece in pieces], axis=0).tolist()
+        bend = low - 2.0 * middle + high
+        if not bend > 0.0:   # flatter than the numbers' own error
+            break
+        value += step * float(np.clip(0.5 * (low - high) / bend, -1.0, 1.0))
+        std = step * math.sqrt(2.0 / bend)
+    return None if std is None else clocked(pieces, at, Lead(value, std), rows)
+
+
+def clocked(pieces: list[Piece], at: np.ndarray, lead: Lead, rows: Rows) -> Lead:
+    """Return the lead with its growth, where that of two clocks is sure.
+
+    at (pieces, shifts)   what each piece leaves at the shifts that were tried
+    A line through the leads that the pieces have by themselves; its deviation is that of their scatter about it, if
+    they scatter by more than theirs: what a model does not explain makes leads that come and go, and no clock.
+    """
+    told = list[tuple[float, float, float]]()
+    for piece, left in zip(pieces, at, strict=True):
+        k = int(np.argmin(left))
+        bend = left[k - 1] - 2.0 * left[k] + left[k + 1] if 0 < k < len(left) - 1 else 0.0
+        if bend > 0.0:
+            off = 0.5 * (left[k - 1] - left[k + 1]) / bend
+            told.append((0.5 * float(piece.rows.t[0] + piece.rows.t[-1]),
+                         DELAY_STEP * (k - 0.5 * (len(left) - 1) + off), DELAY_STEP * math.sqrt(2.0 / bend)))
+    if len(told) < FEWEST_CLOCK:
+        return lead
+    t, leads, stds = np.array(told).T
+    w = 1.0 / stds**2
+    middle = float(np.sum(w * t) / np.sum(w))
+    centred, mean = t - middle, float(np.sum(w * leads) / np.sum(w))
+    below = float(np.sum(w * centred**2))
+    grows = float(np.sum(w * centred * leads)) / below
+    scatter = float(np.sum(w * (leads - mean - grows * centred) ** 2)) / (len(t) - 2)
+    if abs(grows) > SHIFT * math.sqrt(max(scatter, 1.0) / below) and abs(grows) * float(np.ptp(t)) > rows.period:
+        return Lead(mean, lead.std, grows, middle)
+    return lead
 
 
 def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead | None) -> bool:
@@ -381,21 +404,23 @@ def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead 
         return False
     few = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, MOST_PLACEBO).round().astype(int))]
 
-    def of(columns: list[np.ndarray]) -> float:
-        each = [noise_likelihood(replace(piece.modes, phi=phi)) for piece, phi in zip(few, columns, strict=True)]
-        return float(np.max(np.sum([noise.largest for noise in each], axis=0)))
+    def of(columns: list[np.ndarray]) -> np.ndarray:
+        """Return the likelihoods (k,) of k sets of columns (n, k, q), one array a piece."""
+        each = [[noise.largest for noise in noise_likelihoods([replace(piece.modes, phi=phi[:, k])
+                                                                for k in range(phi.shape[1])])]
+                for piece, phi in zip(few, columns, strict=True)]
+        return np.asarray(np.max(np.sum(each, axis=0), axis=(1, 2)))
 
     others = [k for k, term in enumerate(terms) if "beta" not in term]
-    none = of([piece.modes.phi[:, others] for piece in few])
-    own, most = of([piece.modes.phi for piece in few]), none
+    none = float(of([piece.modes.phi[:, None, others] for piece in few])[0])
+    moved = [np.roll(rows.beta, round(share * len(rows.t))) for share in SHIFTS]
+    moved = [each for each in moved if not abs(np.corrcoef(each, rows.beta)[0, 1]) > SAME_INPUT]
+    own = float(of([piece.modes.phi[:, None] for piece in few])[0])
     if lead is not None:
-        own = max(own, of([piece.shifted(terms, lead.at(piece.rows)) for piece in few]))
-    for share in SHIFTS:
-        moved = np.roll(rows.beta, round(share * len(rows.t)))
-        if abs(np.corrcoef(moved, rows.beta)[0, 1]) > SAME_INPUT:
-            continue
-        at = [rows.cut(piece.rows.t[0], piece.rows.t[-1] + 0.5 * rows.period) for piece in few]
-        most = max(most, of([piece.with_beta(terms, moved[part]) for piece, part in zip(few, at, strict=True)]))
+        own = max(own, float(of([piece.shifted(terms, [lead.at(piece.rows)]) for piece in few])[0]))
+    at = [rows.cut(piece.rows.t[0], piece.rows.t[-1] + 0.5 * rows.period) for piece in few]
+    most = float(np.max(of([with_betas(piece.rows, piece.modes, terms, [each[part] for each in moved])
+                            for piece, part in zip(few, at, strict=True)]), initial=none)) if moved else none
     return own - most < max(0.5 * SURE**2, BEYOND * (own - none))
 
 
@@ -407,7 +432,7 @@ def moved_by(rows: Rows, terms: tuple[str, ...], fit: Fit, lack: Lack, m: Modes)
     w, size = 1.0 / np.sqrt(fit.variance), lack.size or 0.0
     phi = m.phi * w[:, None]
     if lack.what == "delay":
-        other = Piece(rows, m, fit, noise_likelihood(m)).shifted(terms, size) * w[:, None]
+        other = with_betas(rows, m, terms, [later(rows, size)])[:, 0] * w[:, None]
         return least(other, m.y * w) - least(phi, m.y * w)
     return size * least(phi, term_modes(rows, (lack.what,)).phi[:, 0] * w)
 

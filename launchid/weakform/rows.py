@@ -17,6 +17,8 @@ are means over the row.
 import itertools
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +40,18 @@ FAST = 1.0           # s: what theta does in a shorter time is its fast part
 FAST_THETA = "fast theta"
 NUDGE = 1.0e-6      # rad, rad/s: of a difference quotient
 FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
+
+code_of = lru_cache(maxsize=256)(parse_term)
+
+
+class Column(NamedTuple):
+    """A term in the modes of some rows: phi (n,), doubt (n,) what its quadrature may be off; its derivatives for theta
+    and theta_dot at the rows."""
+
+    phi: np.ndarray
+    doubt: np.ndarray
+    by_theta: np.ndarray
+    by_rate: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +78,24 @@ class Rows:
     rate_noise: float = 0.0
     is_held: bool = False
     fast: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    columns: dict[str, Column] = field(default_factory=dict, init=False)   # of the terms that were asked for so far
 
-    @property
+    @cached_property
     def attack(self) -> np.ndarray:
         """Angle of attack theta - gamma [rad], which a6 multiplies."""
         return self.theta - self.gamma
 
-    @property
+    @cached_property
+    def stretches(self) -> list[tuple[int, int]]:
+        """First row, and the one behind the last, of each stretch that is long enough for modes."""
+        return [(a, b) for a, b in itertools.pairwise(self.bounds.tolist()) if b - a >= FEWEST]
+
+    @cached_property
+    def frame(self) -> "Frame":
+        """The modes of the rows without any terms."""
+        return frame_of(self)
+
+    @cached_property
     def period(self) -> float:
         """Median step [s]."""
         return float(np.median(np.diff(self.t)))
@@ -195,22 +220,24 @@ def forward(t: np.ndarray, least: float) -> np.ndarray:
 
 def column(term: str, attack: np.ndarray, theta_dot: np.ndarray, beta: np.ndarray, tau: np.ndarray) -> np.ndarray:
     """Return a library term (n,) of its variables (n,), `attack` being its theta."""
-    *powers, function, argument = parse_term(term)
+    *powers, function, argument = code_of(term)
     variables = (attack, theta_dot, beta, tau)
-    value = np.ones(len(attack))
-    for power, x in zip(powers, variables, strict=True):
-        value = value * x**power
-    return value * FUNCTIONS[function](variables[argument]) if function else value
+    factors = [x**power for power, x in zip(powers, variables, strict=True) if power]
+    if function:
+        factors.append(FUNCTIONS[function](variables[argument]))
+    return math.prod(factors[1:], start=factors[0]) if factors else np.ones(len(attack))
 
 
 def bends(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return what the integral (n - 1,) of x (n,) over each step is less than the trapezium's: by the mean bend of the
-    parabolas through either neighbour (Gregory's rule)."""
-    step = np.diff(t)
-    bend = np.zeros(len(t))
-    bend[1:-1] = np.diff(np.diff(x) / step) / (t[2:] - t[:-2])
-    known = np.concatenate([[0.0], np.ones(max(len(t) - 2, 0)), [0.0]])
-    return np.asarray(step**3 / 6.0 * (bend[1:] + bend[:-1]) / np.maximum(known[1:] + known[:-1], 1.0))
+    """Return what the integrals (n - 1, q) of x (n, q) over each step are less than the trapezium's: by the mean bend
+    of the parabolas through either neighbour (Gregory's rule)."""
+    step = np.diff(t)[:, None]
+    bend = np.zeros(x.shape)
+    bend[1:-1] = np.diff(np.diff(x, axis=0) / step, axis=0) / (t[2:] - t[:-2])[:, None]
+    halves = np.full((len(t) - 1, 1), 2.0)
+    halves[0] -= 1.0
+    halves[-1] -= 1.0
+    return np.asarray(step**3 / 6.0 * (bend[1:] + bend[:-1]) / np.maximum(halves, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,6 +266,22 @@ class Modes:
     motion: np.ndarray
     ahead: np.ndarray
 
+    @cached_property
+    def noises(self) -> np.ndarray:
+        """Shapes (3, n) of the noise: accumulated, of the sensor, wandering."""
+        sensor = self.curl if self.has_rate else self.curl**2
+        return np.stack([np.ones(len(self.curl)), sensor, 1.0 / self.curl]) * (self.step / np.median(self.step))
+
+
+class Frame(NamedTuple):
+    """What a regression in modes has before its terms: as in `Modes`."""
+
+    y: np.ndarray
+    curl: np.ndarray
+    step: np.ndarray
+    frequency: np.ndarray
+    ends: np.ndarray
+
 
 def sines(x: np.ndarray) -> np.ndarray:
     """Return the orthonormal DST-I (n, k) of columns x (n, k)."""
@@ -259,42 +302,44 @@ def areas(t: np.ndarray, values: np.ndarray, ends: np.ndarray) -> tuple[np.ndarr
 
     values, ends (n, q)  at the rows, as a step begins and as the one before it ends: they differ by a held input
     """
-    step, off = np.diff(t), np.zeros((len(t) - 1, values.shape[1]))
-    for k in np.flatnonzero(np.all(values == ends, axis=0)).tolist():
-        off[:, k] = bends(t, values[:, k])
-    return 0.5 * step[:, None] * (ends[1:] + values[:-1]) - off, off
+    off = bends(t, values) * np.all(values == ends, axis=0)
+    return 0.5 * np.diff(t)[:, None] * (ends[1:] + values[:-1]) - off, off
 
 
-def regression(rows: Rows, values: np.ndarray, ends: np.ndarray, sensor: np.ndarray, motion: np.ndarray,
-               ahead: np.ndarray) -> Modes:
-    """Return the regression of theta_dot on terms given by their values and ends (n, q) at the rows (`areas`)."""
-    parts, ends_of_stretch = list[tuple[np.ndarray, ...]](), list[np.ndarray]()
-    q = values.shape[1]
-    for a, b in zip(rows.bounds[:-1].tolist(), rows.bounds[1:].tolist(), strict=True):
-        if b - a < FEWEST:
-            continue
-        t = rows.t[a:b]
-        step = np.diff(t)
-        area, off = areas(t, values[a:b], ends[a:b])
-        if rows.has_rate:
-            rise = np.diff(rows.theta_dot[a:b])
-        else:  # of mean slopes over rows, and of the integrals' means over them
-            whole = np.vstack([np.zeros(q), np.cumsum(area, axis=0)])
-            rise = np.diff(np.diff(rows.theta[a:b]) / step)
-            area, off = np.diff(0.5 * (whole[1:] + whole[:-1]), axis=0), off[1:]
+def frame_of(rows: Rows) -> Frame:
+    """Return theta_dot in the modes of each stretch of rows, or of theta's mean slopes where no rate is measured."""
+    parts, ends = list[tuple[np.ndarray, ...]](), list[np.ndarray]()
+    for a, b in rows.stretches:
+        step = np.diff(rows.t[a:b])
+        rise = np.diff(rows.theta_dot[a:b]) if rows.has_rate else np.diff(np.diff(rows.theta[a:b]) / step)
         n, h = len(rise), float(np.mean(step))
         angle = np.pi * np.arange(1, n + 1) / (n + 1)
-        of = sines(np.column_stack([rise, area, off]))
         first = np.sqrt(2.0 / (n + 1)) * np.sin(angle)
-        ends_of_stretch.append(np.column_stack([first, first * (-1.0) ** np.arange(n)]))
-        parts.append((of[:, 0], of[:, 1:1 + q], of[:, 1 + q:], 2.0 - 2.0 * np.cos(angle), np.full(n, h), angle / h))
-    parts = parts or [(np.zeros(0), np.zeros((0, q)), np.zeros((0, q)), *[np.zeros(0)] * 3)]
-    y, phi, doubt, curl, step, frequency = (np.concatenate(each) for each in zip(*parts, strict=True))
-    apart = np.zeros((len(y), 0 if rows.has_rate else 2 * len(ends_of_stretch)))
-    for k, each in enumerate(ends_of_stretch if not rows.has_rate else []):
-        at = sum(map(len, ends_of_stretch[:k]))
+        ends.append(np.column_stack([first, first * (-1.0) ** np.arange(n)]))
+        parts.append((sines(rise[:, None])[:, 0], 2.0 - 2.0 * np.cos(angle), np.full(n, h), angle / h))
+    y, curl, step, frequency = (np.concatenate([np.zeros(0), *each]) for each in zip(*parts, strict=True)) \
+        if parts else [np.zeros(0)] * 4
+    apart = np.zeros((len(y), 0 if rows.has_rate else 2 * len(ends)))
+    at = 0
+    for k, each in enumerate(ends if not rows.has_rate else []):
         apart[at:at + len(each), 2 * k:2 * k + 2] = each
-    return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, apart, sensor, motion, ahead)
+        at += len(each)
+    return Frame(y, curl, step, frequency, apart)
+
+
+def in_modes(rows: Rows, values: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return terms, given by their values and ends (n, q) at the rows (`areas`), in the modes of each stretch, and what
+    the quadrature of each may be off: (modes, q) each."""
+    q = values.shape[1]
+    parts = [np.zeros((0, 2 * q))]
+    for a, b in rows.stretches:
+        area, off = areas(rows.t[a:b], values[a:b], ends[a:b])
+        if not rows.has_rate:  # of the integrals' means over the rows
+            whole = np.vstack([np.zeros(q), np.cumsum(area, axis=0)])
+            area, off = np.diff(0.5 * (whole[1:] + whole[:-1]), axis=0), off[1:]
+        parts.append(sines(np.hstack([area, off])))
+    both = np.concatenate(parts)
+    return both[:, :q], both[:, q:]
 
 
 def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray) -> np.ndarray:
@@ -327,25 +372,33 @@ def fast_part(t: np.ndarray, theta: np.ndarray) -> np.ndarray:
     return theta - np.divide(area, time, out=theta.copy(), where=time > 0.0)
 
 
-def term_modes(rows: Rows, terms: tuple[str, ...], beta: np.ndarray | None = None) -> Modes:
-    """Return the regression on terms; with another beta (n,)."""
-    b = rows.beta if beta is None else beta
+def term_modes(rows: Rows, terms: tuple[str, ...]) -> Modes:
+    """Return the regression on terms."""
+    missing = tuple(dict.fromkeys(term for term in terms if term not in rows.columns))
+    if missing:
+        values = table_of(rows, missing, rows.attack, rows.theta_dot)
+        phi, doubt = in_modes(rows, values, ends_of(rows, missing, values, rows.beta))
+        by_theta = (table_of(rows, missing, rows.attack + NUDGE, rows.theta_dot) - values) / NUDGE
+        by_rate = (table_of(rows, missing, rows.attack, rows.theta_dot + NUDGE) - values) / NUDGE if rows.has_rate \
+            else np.zeros_like(values)
+        for k, term in enumerate(missing):
+            if term.startswith("sign"):
+                by_theta[:, k] = by_rate[:, k] = 0.0
+            if term == FAST_THETA:
+                by_theta[:, k] = 1.0
+            rows.columns[term] = Column(phi[:, k], doubt[:, k], by_theta[:, k], by_rate[:, k])
+    phi, doubt, by_theta, by_rate = (np.stack(each, axis=1) for each in zip(
+        *(rows.columns[term] for term in terms), strict=True))
+    sensor = (rows.theta_noise * products(by_theta, by_theta) + rows.rate_noise * products(by_rate, by_rate)
+              ) / len(rows.t)
+    y, curl, step, frequency, ends = rows.frame
+    return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, ends, sensor,
+                 rows.theta_noise * by_theta.mean(axis=0), 0.5 * rows.period * by_rate.mean(axis=0))
 
-    def table(attack: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        return np.column_stack([values_of(rows, term, attack, rate, b) for term in terms])
 
-    values = table(rows.attack, rows.theta_dot)
-    ends = ends_of(rows, terms, values, b)
-    by_theta = (table(rows.attack + NUDGE, rows.theta_dot) - values) / NUDGE
-    by_rate = (table(rows.attack, rows.theta_dot + NUDGE) - values) / NUDGE if rows.has_rate else np.zeros_like(values)
-    for k, term in enumerate(terms):
-        if term.startswith("sign"):
-            by_theta[:, k] = by_rate[:, k] = 0.0
-        if term == FAST_THETA:
-            by_theta[:, k] = 1.0
-    sensor = (rows.theta_noise * products(by_theta, by_theta) + rows.rate_noise * products(by_rate, by_rate)) / len(b)
-    return regression(rows, values, ends, sensor, rows.theta_noise * by_theta.mean(axis=0),
-                      0.5 * rows.period * by_rate.mean(axis=0))
+def table_of(rows: Rows, terms: tuple[str, ...], attack: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Return terms (n, q) of the rows with another theta or theta_dot (n,)."""
+    return np.column_stack([values_of(rows, term, attack, rate, rows.beta) for term in terms])
 
 
 def later(rows: Rows, lead: float) -> np.ndarray:

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from launchid_core import Config, Estimate, EstimateStatus
 from ..log.check import CheckedLog
 from ..log.rates import INTERPOLATED
 from ..sums import combined, square
-from .fit import Fit, Prior, gls, least, noise_likelihood
+from .fit import SPAN, Fit, Prior, gls_of_all, least, noise_likelihoods
 from .judge import (
     INCREMENT,
     PER_COEFFICIENT,
@@ -116,26 +117,33 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
     is_weak   their numbers are the weak form's: those of the estimates, which give the windows alone, are replaced
     optional  terms that the answer has too where they are more than their deviation
     """
-    rows = usable(seen)
     if config.formulation == "filtered":   # it judges itself: of it the fits alone
+        rows = usable(seen)
         fits = [held_out(rows, e, e.whiteness if math.isfinite(e.whiteness) else None)
                 if rows is not None and e.valid else WindowFit() for e in estimates]
         return Judged(estimates, fits, [])
     if seen.rates["beta"].kind == INTERPOLATED:
         return Judged([refused(e) for e in estimates], [WindowFit() for _ in estimates], [Lack(INTERPOLATED)],
                       fitted=estimates)
-    asked = question(rows, config.terms if is_weak else asked_terms(config, estimates), optional if is_weak else ())
+    rows, asked = question_to(seen, config.terms if is_weak else asked_terms(config, estimates),
+                              optional if is_weak else ())
     if rows is None:
         return Judged([refused(e, EstimateStatus.SHORT) if e.valid else e for e in estimates],
                       [WindowFit() for _ in estimates], [], None, asked.unchecked, estimates)
-    rate = rates(asked)
-    made = [_of_window(rows, e, asked, is_weak, rate) for e in estimates]
+    made = _made(rows, estimates, asked, is_weak)
     lacks = {lack.what: lack for _, _, each, _ in made for lack in each}
     untested = sum(e.status == EstimateStatus.UNCHECKED for e, *_ in made)
     reason = asked.unchecked or (f"{untested} windows have too few rows to test {len(asked.terms)} coefficients: "
                                  "longer windows, or fewer gaps, allow it" if untested else "")
     return Judged([e for e, *_ in made], [fit for _, fit, *_ in made], list(lacks.values()), asked.lead, reason,
                   [fitted for *_, fitted in made])
+
+
+@lru_cache(maxsize=1)
+def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, ...]) -> tuple[Rows | None, Question]:
+    """Return the usable rows of a log, and what it answers: once, whatever windows are asked for."""
+    rows = usable(seen)
+    return rows, question(rows, terms, optional)
 
 
 def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:
@@ -145,17 +153,24 @@ def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:
     return tuple(term for term in config.terms if term in seen or term == "beta")
 
 
-def _of_window(rows: Rows, e: Estimate, asked: Question, is_weak: bool,
-               rate: dict[str, float]) -> tuple[Estimate, WindowFit, list[Lack], Estimate]:
+def _made(rows: Rows, estimates: list[Estimate], asked: Question,
+          is_weak: bool) -> list[tuple[Estimate, WindowFit, list[Lack], Estimate]]:
+    """Return every window's estimate, its fit, what it lacks, and the estimate before it was refused."""
+    windows = list[tuple[Rows, tuple[str, ...], Modes | None]]()
+    for e in estimates:
+        terms = asked.terms if is_weak or not e.valid else active_terms(e)
+        part = rows.part(rows.cut(e.t_start, e.t_end))
+        m = term_modes(part, terms) if len(part.t) > 1 else None
+        windows.append((part, terms, m if m and len(m.y) >= PER_COEFFICIENT * (len(terms) + 1) else None))
+    fits = window_fits(rows, windows, asked)
+    return [((refused(e, EstimateStatus.UNCHECKED) if e.valid else e), WindowFit(), [], e) if m is None or fit is None
+            else _of_window(rows, part, m, fit, e, terms, asked, is_weak)
+            for e, (part, terms, m), fit in zip(estimates, windows, fits, strict=True)]
+
+
+def _of_window(rows: Rows, part: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...], asked: Question,
+               is_weak: bool) -> tuple[Estimate, WindowFit, list[Lack], Estimate]:
     """Return a window's estimate, its fit, what it lacks, and the estimate before it was refused."""
-    terms = asked.terms if is_weak or not e.valid else active_terms(e)
-    part = rows.part(rows.cut(e.t_start, e.t_end))
-    m = term_modes(part, terms) if len(part.t) > 1 else None
-    if m is None or len(m.y) < PER_COEFFICIENT * (len(terms) + 1):
-        return (refused(e, EstimateStatus.UNCHECKED) if e.valid else e), WindowFit(), [], e
-    fit = window_fit(m, terms, asked, is_whole=len(part.t) > 0.9 * len(rows.t))
-    if not fit.is_singular:
-        fit = dataclasses.replace(fit, covariance=fit.covariance + drift(part, fit, terms, rate))
     made = of_fit(part, m, fit, e, terms) if is_weak else e
     if asked.unchecked:
         return (refused(made, EstimateStatus.UNCHECKED) if made.valid else made), WindowFit(), [], made
@@ -186,14 +201,29 @@ def _of_window(rows: Rows, e: Estimate, asked: Question, is_weak: bool,
     return (refused(made) if lacking else made), shown, lacking, made
 
 
-def window_fit(m: Modes, terms: tuple[str, ...], asked: Question, is_whole: bool) -> Fit:
-    """Return the fit of a window: the noise's ratios by its own likelihood and some of the log's, optional terms as
-    the whole log tells them."""
-    prior: Prior = () if is_whole else [(terms.index(term), *known) for term, known in asked.known.items()
-                                        if term in terms]
-    own = noise_likelihood(m)
-    pooled = [piece.noise.restricted for piece in asked.pieces]
-    return gls(m, own.restricted + POOLED * np.sum(pooled, axis=0) if pooled else None, prior, own)
+def window_fits(rows: Rows, windows: list[tuple[Rows, tuple[str, ...], Modes | None]],
+                asked: Question) -> list[Fit | None]:
+    """Return the fits of windows, None for too few rows: the noise's ratios by their own likelihood and some
+    of the log's, optional terms as the whole log tells them, deviations with what a6 and k1 drift."""
+    fits: list[Fit | None] = [None] * len(windows)
+    grid = len(SPAN), len(SPAN)
+    pooled = POOLED * np.sum([np.zeros(grid), *(piece.noise.restricted for piece in asked.pieces)], axis=0)
+    for is_whole in (True, False):
+        at = [k for k, (part, _, m) in enumerate(windows) if m and (len(part.t) > 0.9 * len(rows.t)) == is_whole]
+        regressions = [m for k in at if (m := windows[k][2])]
+        prior: Prior = () if is_whole else [(asked.terms.index(term), *known) for term, known in asked.known.items()]
+        noises = noise_likelihoods(regressions)
+        made = gls_of_all(regressions, [noise.restricted + pooled for noise in noises], noises, prior)
+        for k, each in zip(at, made, strict=True):
+            fits[k] = each
+    rate, drifting = rates(asked), list[tuple[int, Fit, Modes]]()
+    for k, ((part, terms, _), fit) in enumerate(zip(windows, fits, strict=True)):
+        if fit and not fit.is_singular and len(slopes := slopes_of(terms)) == 2:
+            drifting.append((k, fit, term_modes(part, (*terms, *slopes))))
+    bent = gls_of_all([m for *_, m in drifting])
+    for (k, fit, _), each in zip(drifting, bent, strict=True):
+        fits[k] = dataclasses.replace(fit, covariance=fit.covariance + drift(each, fit, windows[k][1], rate))
+    return fits
 
 
 def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) -> Estimate:
@@ -250,17 +280,21 @@ def rates(asked: Question) -> dict[str, float]:
     return found
 
 
-def drift(rows: Rows, fit: Fit, terms: tuple[str, ...], rate: dict[str, float]) -> np.ndarray:
+def slopes_of(terms: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the lines in time in a6 and k1 that terms lack."""
+    return tuple(f"tau*{term}" for term in ("theta", "sin(theta)", "beta")
+                 if term in terms and f"tau*{term}" not in terms)
+
+
+def drift(bent: Fit, fit: Fit, terms: tuple[str, ...], rate: dict[str, float]) -> np.ndarray:
     """Return the covariance (q, q) that lines in time in a6 and k1 make of the coefficients: lines as steep as the log
-    shows them to be, and what they move by in this window beyond chance (Hausman 1978)."""
+    shows them to be, and what they move by in this window beyond chance (Hausman 1978).
+
+    bent   the fit of the window with those two lines
+    """
     q = len(terms)
-    slopes = tuple(f"tau*{term}" for term in ("theta", "sin(theta)", "beta")
-                   if term in terms and f"tau*{term}" not in terms)
-    if len(slopes) != 2:
-        return np.zeros((q, q))
-    pair = [terms.index(slope.removeprefix("tau*")) for slope in slopes]
+    pair = [terms.index(slope.removeprefix("tau*")) for slope in slopes_of(terms)]
     steep = np.array([rate.get(terms[k], 0.0) for k in pair])
-    bent = gls(term_modes(rows, (*terms, *slopes)))
     if bent.is_singular:
         return np.diag(np.full(q, math.inf)) if steep.any() else np.zeros((q, q))
     information = np.linalg.inv(bent.covariance)

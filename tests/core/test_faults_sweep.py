@@ -193,9 +193,7 @@ def test_a_fault_at_every_sample_field_and_kind_of_a_regression_is_refused_or_fo
 
 @pytest.mark.campaign
 def test_a_fault_at_every_sample_field_and_kind_of_the_filter_is_refused_flagged_forgotten_or_a_measurement():
-    """A fault that is none of these moves a6 and k1 as far as one sample may.  It is a measurement within eight sigma
-    of what the filter expects, a step of the clock within a sample, or a command, which nothing contradicts but its
-    range."""
+    """A fault that is none of these moves a6 and k1 as far as one sample may."""
     found, most = sweep("filtered", 4)
     assert {field for field, _, what in found if what == MORE} <= {"t", "theta", "theta_dot", "beta", "beta_cmd"}
     assert share_of(found, MORE) < 0.15

@@ -189,11 +189,6 @@ def test_an_edit_of_a_package_changes_the_digest_of_what_is_built_on_it(tmp_path
     assert of_sim == cache.digest_of("sim.room.a")
 
 
-def test_nothing_of_the_core_depends_on_another_package():
-    for path in (ROOT / "launchid_core").rglob("*.py"):
-        assert all(file.is_relative_to(ROOT / "launchid_core") for file in cache.looked_through(path)[1])
-
-
 @pytest.mark.parametrize("variables", [{"NUMBA_BOUNDSCHECK": "1"},
                                        pytest.param({"NUMBA_OPT": "1"}, marks=pytest.mark.campaign)])
 def test_numba_s_settings_are_told_apart(toy, variables):
@@ -323,8 +318,7 @@ def fill(path: Path) -> None:
     path.write_bytes(bytes(range(256)) * (path.stat().st_size // 256 + 1))
 
 
-@pytest.mark.parametrize("suffix", ["nbc", "nbi"])
-@pytest.mark.parametrize("damage", [lose, cut_short, empty, fill])
+@pytest.mark.parametrize(("damage", "suffix"), [(lose, "nbc"), (cut_short, "nbi"), (empty, "nbi"), (fill, "nbc")])
 def test_a_damaged_file_is_compiled_anew(toy, damage, suffix):
     assert toy.run() == COLD
     for path in toy.kept(suffix=suffix):
@@ -340,7 +334,8 @@ def test_processes_that_need_the_same_kernel_at_once_do_each_other_no_harm(toy):
     assert toy.run() == WARM
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.campaign),
+                                    signal.SIGINT])
 def test_of_an_interrupted_process_all_is_kept_but_the_kernel_in_work(toy, number):
     """And a process that starts meanwhile deletes nothing of it."""
     many = 20

@@ -14,7 +14,7 @@ from launchid_core import Config, Estimator, Status
 from launchid_core.algebra.library import MAX_TERMS, polynomial
 from launchid_core.order import entries, memory, table
 from launchid_core.order.assembly import size_of
-from launchid_core.order.table import FIXED, LARGEST, STATE, WORK
+from launchid_core.order.table import LARGEST, WORK
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 from sim.sections import Offsets, Wind
@@ -100,17 +100,6 @@ def test_the_extents_in_use_never_exceed_the_largest():
         for name, number in size_of(config)._asdict().items():
             assert number <= getattr(LARGEST, name) or name in CHOICES, name
     assert size_of(largest).terms == LARGEST.terms and size_of(largest).sensitivities == LARGEST.sensitivities
-
-
-def test_every_line_of_the_table_is_an_array_of_its_name_and_type():
-    for struct in (table.REGRESSION, table.FILTERED):
-        whole = memory.dtype_of(struct)
-        assert whole.names == (FIXED, STATE, WORK) and whole.isalignedstruct
-        for part in whole.names:
-            for line in next(each.kind for each in struct.lines if each.name == part).lines:
-                kind = whole[part][line.name]
-                assert kind.itemsize % 8 == 0, line.name  # words, with no byte between
-                assert line.about or isinstance(line.kind, memory.Struct), line.name
 
 
 # ---- nothing is compiled for another configuration

@@ -96,23 +96,3 @@ def test_follows_a_known_profile(name):
     finite = np.isfinite(found)
     assert finite.mean() > 0.25  # launchid's filtered form refuses windows that say next to nothing, or only the trim
     assert found[finite].max() < PROFILED[name]
-
-
-@pytest.mark.parametrize("window", [0.3, 1.0, 8.0, 70.0])
-def test_edges_cut_whole_windows(window):
-    t = np.arange(7000) * 0.01
-    found = baselines.edges(baselines.Log(t, t, t, t, t), window)
-    assert len(found) == int((70.0 + 0.005) / window) + 1
-    assert set(np.diff(found)) == {round(window / 0.01)}
-
-
-def test_published_frequency_method_needs_windows_from_rest_to_rest():
-    """The comparison also runs it with the ends as unknowns for this reason."""
-    assert np.abs(errors("frequency domain", "constant", 10.0)).max() > 0.1
-
-
-def test_filter_that_knows_no_delay_says_so():
-    model = dataclasses.replace(onboard_model(load_nominal("constant")), delay=0.02)
-    t = np.arange(500) * 0.01
-    with pytest.raises(ValueError, match=r"model\.delay=0\.02"):
-        baselines.extended_kalman(baselines.Log(t, t, t, t, t), 1.0, model)

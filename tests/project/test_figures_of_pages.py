@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.tables import COMMAND, figures_of_tables, main, missing, sections
+from benchmarks.tables import COMMAND
 
 ROOT = Path(__file__).resolve().parents[2]
 FIGURE = re.compile(r"(?<![\w.#-])\d[\d,]*(?:\.\d+)?")
@@ -54,50 +54,3 @@ def test_results_say_their_version_and_every_section_its_command():
     without = [heading for heading, body in zip(parts[1::2], parts[2::2], strict=True)
                if heading in tables and not (COMMAND.search(body) or "```sh" in body)]
     assert without == []
-
-
-# ---- the command that writes the tables
-
-PAGE = """# Results
-## Speed
-```sh
-python benchmarks/speed.py --seed 1   # a comment
-```
-| what | measured |
-|---|---|
-| rounds | 1,200 |
-| share | 97.1 % |
-| other | 3.5 |
-"""
-
-
-def test_a_section_s_commands_and_figures_are_collected():
-    (section,) = sections(PAGE)
-    assert section.heading == "Speed" and section.commands == ["python benchmarks/speed.py --seed 1"]
-    assert figures_of_tables(section.text) == ["1,200", "97.1", "3.5"]
-
-
-@pytest.mark.parametrize(("printed", "left"), [
-    ("1200 rounds, share 0.971, other 3.49", []), ("1200 rounds, share 0.971", ["3.5"]),
-    ("1201 rounds, 97.14 %, 3.56", ["1,200", "3.5"]), ("", ["1,200", "97.1", "3.5"])])
-def test_a_figure_is_one_that_was_printed_up_to_its_last_digit(printed, left):
-    (section,) = sections(PAGE)
-    assert missing(section, printed) == left
-
-
-def test_a_word_that_no_command_holds_is_said(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["tables.py", "no_such_benchmark"])
-    assert main() == 2 and "no command of results.md holds no_such_benchmark" in capsys.readouterr().err
-
-
-def test_what_a_command_prints_is_kept_with_version_and_date(tmp_path, monkeypatch, capsys):
-    page = tmp_path / "results.md"
-    page.write_text("# Results\n## Help\n```sh\npython benchmarks/nothing.py\n```\n| a | 1 |\n",
-                    encoding="utf-8")
-    monkeypatch.setattr("benchmarks.tables.PAGE", page)
-    monkeypatch.setattr("sys.argv", ["tables.py", "nothing", "--out", str(tmp_path / "out"), "--check"])
-    assert main() == 1, "a command that fails is said"
-    (kept,) = (tmp_path / "out").iterdir()
-    head = r"# launchid \d+\.\d+\.\d+, 20\d\d-\d\d-\d\d: python benchmarks/nothing.py\n"
-    assert re.match(head, kept.read_text(encoding="utf-8"))
-    assert "exit status" in capsys.readouterr().err

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden import LISTED, OTHER, PLAIN, QUIET, UNLISTED, Noise, Spec, draw_spec, fly, hide, size_at, write_csv
-from hidden.build import SUBSTEP, Build
-from hidden.catalogue import CAUSES, CHANCE, told
+from hidden import LISTED, OTHER, PLAIN, QUIET, UNLISTED, Noise, Spec, draw_spec, fly, hide, size_at
+from hidden.build import Build
+from hidden.catalogue import CAUSES, CHANCE
 from hidden.flight import COLUMNS
 from hidden.listed import FITS
 from hidden.motion import LOST
@@ -20,7 +20,6 @@ from hidden.unlisted import EFFECTS
 from hidden.vehicles import NAMES, PROFILES, vehicle
 from scipy.linalg import expm
 
-from launchid.log.log import read_log
 from sim.effects import CATALOGUE, effect
 from sim.flight import fly_whole
 from sim.nominal import Nominal, load_nominal
@@ -121,20 +120,6 @@ def test_lists_are_the_contract_s_and_more():
 # ---- the equations, without noise
 
 
-def servo_steps(command, period, w, zeta, washout=math.inf):
-    """Exact answer of the second-order servo to a command held over each period: angle at each period's start.
-    washout [s]: of the command's slow part, which does not act."""
-    a = np.array([[0.0, 1.0, 0.0, 0.0], [-w * w, -2.0 * zeta * w, -w * w, w * w],
-                  [0.0, 0.0, -1.0 / washout, 1.0 / washout], [0.0, 0.0, 0.0, 0.0]])
-    move = expm(a * period)
-    state, angles = np.zeros(4), []
-    for value in command:
-        state[3] = value
-        angles.append(state[0])
-        state = move @ state
-    return np.array(angles)
-
-
 def test_clean_flight_is_the_exact_solution_of_the_linear_loop():
     craft = vehicle("constant")
     w, zeta, tau, period = craft.servo_frequency, craft.servo_damping, craft.filter_time, craft.period
@@ -155,129 +140,6 @@ def test_clean_flight_is_the_exact_solution_of_the_linear_loop():
     for name, column in zip(MEASURED, np.array(rows).T, strict=True):
         assert np.abs(column).max() < craft.deflection_limit or name != "beta_cmd"
         assert rms(flown[name] - column) < 1e-7 * rms(column), name
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.00025, 0.0325])
-def test_actuator_delay_is_what_it_says(delay):
-    """The nozzle answers the logged command exactly `delay` later."""
-    effects = (hide("actuator_delay", {"delay": delay}),) if delay else ()
-    flown = quiet(*effects, duration=20.0)
-    per_period, late = round(0.01 / SUBSTEP), round(delay / SUBSTEP)
-    command = np.concatenate([np.zeros(late), np.repeat(flown["beta_cmd"], per_period)])
-    exact = servo_steps(command, SUBSTEP, 50.0, 0.7)[:per_period * len(flown["t"]):per_period]
-    assert rms(flown["beta"] - exact) < 1e-6 * rms(exact)
-
-
-@pytest.mark.parametrize(("cause", "parameters", "expected"), [
-    ("actuator_gain", {"scale": 0.9}, lambda u: servo_steps(0.9 * u, 0.01, 50.0, 0.7)),
-    ("actuator_bias", {"angle": 0.01}, lambda u: servo_steps(u + 0.01, 0.01, 50.0, 0.7)),
-    ("input_washout", {"time_constant": 2.0}, lambda u: servo_steps(u, 0.01, 50.0, 0.7, 2.0)),
-    ("actuator_bandwidth", {"scale": 0.6}, lambda u: servo_steps(u, 0.01, 30.0, 0.7)),
-    ("nozzle_sensor_bias", {"angle": -0.01}, lambda u: servo_steps(u, 0.01, 50.0, 0.7) - 0.01)])
-def test_actuator_and_nozzle_sensor_by_their_equation(cause, parameters, expected):
-    flown = quiet(hide(cause, parameters), duration=20.0)
-    exact = expected(flown["beta_cmd"])
-    assert rms(flown["beta"] - exact) < 1e-6 * rms(exact)
-
-
-def test_backlash_holds_the_nozzle_within_its_play_of_the_command():
-    slow = quiet(hide("actuator_backlash", {"half_width": 0.002}), duration=20.0)
-    climbing = slice(1000, 1500)  # rows of a steady ramp: the nozzle trails by the play and a little servo lag
-    assert 0.002 < (slow["beta"] - slow["beta_cmd"])[climbing].max() < 1.15 * 0.002
-
-
-@pytest.mark.parametrize("variant", [PLAIN, OTHER])
-def test_rate_limit_holds(variant):
-    """The limit also holds with the noise that drives the nozzle fastest."""
-    noise = Noise(nozzle=0.0)
-    limited = fly(Spec(noise=noise, duration=20.0, effects=(hide("actuator_rate_limit", {"rate": 0.1}, variant),)))[0]
-    free = fly(Spec(noise=noise, duration=20.0))[0]
-    assert np.abs(np.diff(limited["beta"])).max() <= 0.1 * 0.01 * (1 + 1e-9)
-    assert np.abs(np.diff(free["beta"])).max() > 0.15 * 0.01
-
-
-EXTRA = {  # cause -> parameters, and the angular acceleration beside 2 theta - 7 beta of columns c
-    "control_effectiveness": ({"scale": 0.8}, lambda c: 0.2 * 7.0 * c["beta"]),
-    "control_loss": ({"fraction": 0.2, "time": 9.0}, lambda c: 0.2 * 7.0 * c["beta"] * (c["t"] >= 9.0)),
-    "aero_instability": ({"scale": 1.2}, lambda c: 0.2 * 2.0 * c["theta"]),
-    "aero_damping": ({"coefficient": 0.5}, lambda c: -0.5 * c["theta_dot"]),
-    "aero_cubic": ({"coefficient": -8.0}, lambda c: 2.0 * -8.0 * c["theta"]**3),
-    "friction": ({"coefficient": 0.01}, lambda c: -0.01 * np.sign(c["theta_dot"])),
-    "thrust_misalignment": ({"angle": 0.01}, lambda c: -7.0 * 0.01 * np.ones(len(c["t"]))),
-    "steady_wind": ({"angle": 0.01}, lambda c: 2.0 * 0.01 * np.ones(len(c["t"]))),
-    "gust": ({"angle": 0.02, "time": 8.0, "duration": 4.0}, lambda c: 2.0 * 0.02 * np.where(
-        (c["t"] > 8.0) & (c["t"] < 12.0), (1.0 - np.cos(2.0 * np.pi * (c["t"] - 8.0) / 4.0)) / 2.0, 0.0)),
-    "periodic_disturbance": ({"amplitude": 0.02, "frequency": 5.0, "phase": 0.7},
-                             lambda c: 0.02 * np.sin(5.0 * c["t"] + 0.7))}
-
-
-@pytest.mark.parametrize("cause", EXTRA)
-def test_plant_and_environment_by_their_equation(cause):
-    parameters, expected = EXTRA[cause]
-    flown = quiet(hide(cause, parameters), rate=1000.0, duration=15.0)
-    turn = np.gradient(flown["theta_dot"], flown["t"])
-    extra = expected(flown)
-    busy = flown["t"] > 6.5
-    assert rms((turn - 2.0 * flown["theta"] + 7.0 * flown["beta"] - extra)[busy]) < 0.03 * rms(extra[busy])
-
-
-def test_slosh_rings_at_its_frequency_and_by_its_law():
-    """The moment left over drives the contract's oscillator back to itself."""
-    w, coupling, damping = 4.0, 0.2, 0.05
-    flown = quiet(hide("slosh", {"coupling": coupling, "frequency": w, "damping_ratio": damping}), rate=1000.0,
-                  duration=15.0)
-    turn, h = np.gradient(flown["theta_dot"], flown["t"]), 1e-3
-    psi = (turn - 2.0 * flown["theta"] + 7.0 * flown["beta"]) / (coupling * w * w)
-    x, predicted = np.zeros(2), []
-    for push in turn:  # semi-implicit Euler is enough for 1 %
-        predicted.append(x[0])
-        x[1] += h * (-push - 2.0 * damping * w * x[1] - w * w * x[0])
-        x[0] += h * x[1]
-    assert rms(psi - predicted) < 0.02 * rms(psi)
-
-
-def test_bending_at_rest_deflects_by_its_gain():
-    """A quarter of a minute of constant nozzle angle: z_theta is theta plus gain times beta."""
-    still = hide("steady_wind", {"angle": 0.02})
-    bent = quiet(still, hide("bending", {"gain": 0.05, "frequency": 25.0, "damping_ratio": 0.1}), rate=200.0,
-                 duration=6.0)
-    last = {name: column[-1] for name, column in bent.items()}
-    true = 3.5 * last["beta"] - 0.02  # trim of 2 (theta + wind) - 7 beta = 0
-    assert last["theta"] - true == pytest.approx(0.05 * last["beta"], rel=0.05)
-
-
-# ---- sensors
-
-
-def test_gyro_and_nozzle_sensor_faults_leave_the_flight_alone():
-    clean = fly(Spec(seed=4, duration=20.0))[0]
-    for cause in ("gyro_bias", "gyro_scale", "gyro_delay", "nozzle_sensor_bias"):
-        flown = fly(Spec(seed=4, duration=20.0, effects=(cause_at(cause),)))[0]
-        differs = {name for name in COLUMNS if not np.array_equal(flown[name], clean[name])}
-        assert differs == {"beta" if cause.startswith("nozzle") else "theta_dot"}
-
-
-def test_gyro_delay_bias_and_scale_are_what_they_say():
-    clean = quiet(rate=200.0, duration=20.0)["theta_dot"]
-    late = quiet(hide("gyro_delay", {"delay": 0.015}), rate=200.0, duration=20.0)["theta_dot"]
-    assert np.array_equal(late[3:], clean[:-3]) and not late[:3].any()
-    assert np.allclose(quiet(hide("gyro_bias", {"rate": 0.02}), rate=200.0, duration=20.0)["theta_dot"], clean + 0.02)
-    assert np.allclose(quiet(hide("gyro_scale", {"scale": 0.9}), rate=200.0, duration=20.0)["theta_dot"], 0.9 * clean)
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.025])
-def test_attitude_delay_is_what_it_says(delay):
-    """The attitude is the rate's integral, `delay` ago."""
-    flown = quiet(*((hide("attitude_delay", {"delay": delay}),) if delay else ()), rate=200.0, duration=20.0)
-    rate, rows = flown["theta_dot"], round(delay * 200.0)
-    integral = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) / 200.0
-    assert rms(flown["theta"][rows:] - integral[:len(rate) - rows]) < 1e-4 * rms(integral)
-
-
-def test_attitude_bias_is_seen_by_the_controller_too():
-    flown = quiet(hide("attitude_bias", {"angle": 0.02}), duration=5.0)
-    assert flown["theta"][0] == 0.02
-    assert flown["beta_cmd"][0] == pytest.approx(1.2 * 0.02)  # the derivative starts at rest
 
 
 # ---- controller, noise, rates
@@ -302,13 +164,6 @@ def test_logged_command_is_the_nominal_controller_s_of_the_logged_attitude():
     assert np.array_equal(fast["beta_cmd"][1::2], fast["beta_cmd"][::2])
 
 
-def test_controller_mismatch_by_its_equation():
-    off = hide("controller_mismatch", {"kp_scale": 0.9, "kd_scale": 1.2, "delay": 0.02})
-    flown = fly(Spec(seed=1, effects=(off,)))[0]
-    computed = commands(flown, kp=0.9 * 1.2, kd=1.2 * 0.5)
-    assert np.abs(computed[:-2] - flown["beta_cmd"][2:]).max() < 1e-12 and not flown["beta_cmd"][:2].any()
-
-
 def test_half_the_rate_is_the_same_flight():
     full, half = fly(Spec(seed=2))[0], fly(Spec(seed=2, rate=50.0))[0]
     assert all(np.array_equal(full[name][::2], half[name]) for name in COLUMNS)
@@ -326,14 +181,6 @@ def test_noise_is_as_declared():
     course = Build(Spec(seed=3, noise=Noise(command=0.7, push=1.4))).parts()[2]
     assert np.std(course.command_noise) == pytest.approx(0.7 * craft.command_noise, rel=0.03)
     assert np.std(course.rattle) == pytest.approx(1.4 * craft.push_noise, rel=0.03)
-
-
-def test_command_noise_comes_after_the_logged_command():
-    noise = dataclasses.replace(QUIET, command=1.0)
-    flown = fly(Spec(seed=5, noise=noise, duration=20.0))[0]
-    course = Build(Spec(seed=5, noise=noise, duration=20.0)).parts()[2]
-    exact = servo_steps(flown["beta_cmd"] + course.command_noise, 0.01, 50.0, 0.7)
-    assert rms(flown["beta"] - exact) < 1e-6 * rms(exact)
 
 
 # ---- every effect
@@ -362,7 +209,8 @@ SIMILAR = 0.9  # cosine of what two forms of a cause do to a noise-free flight; 
 SIZE_RANGE = 1.35  # and the ratio of their sizes, either way
 
 
-@pytest.mark.parametrize("cause", ALIKE)
+@pytest.mark.parametrize("cause", [pytest.param(cause, marks=[pytest.mark.campaign] if k % 3 else [])
+                                   for k, cause in enumerate(ALIKE)])
 def test_other_form_does_much_the_same(cause):
     sign = -1.0 if cause == "actuator_bandwidth" else 1.0
     plain, other = (change(quiet(cause_at(cause, 1.0, sign, variant), duration=ENOUGH), undisturbed())
@@ -420,29 +268,12 @@ def test_every_cause_agrees_with_the_project(cause, nominal, sign):
     assert disagreement(nominal, (hidden,), **({} if cause in LATE else {"duration": ENOUGH})) < allowed
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(2))
 def test_pairs_agree_with_the_project(seed):
     rng = np.random.default_rng(seed)
     names = rng.choice(sorted(set(LISTED) - {"friction"} - CHANCE), 2, replace=False)
     spec = draw_spec(seed, tuple(str(name) for name in names), "vega_like", factor=1.0)
     assert disagreement("vega_like", spec.effects) < AGREE_STEP, spec
-
-
-SCATTER = 0.12  # relative, of a standard deviation from 4 flights with some 50 independent stretches each
-
-
-@pytest.mark.parametrize("nominal", [pytest.param("constant", marks=pytest.mark.campaign), "vega_like"])
-def test_noise_does_the_same_as_the_project_s(nominal):
-    """Standard deviation of every measured column about the noise-free flight, and of its row-to-row changes."""
-    quiet_ones = quiet(nominal=nominal), vars(fly_whole(SILENT[nominal]))
-    flights = [fly(Spec(nominal, seed))[0] for seed in range(4)], \
-        [vars(fly_whole(load_nominal(nominal), seed)) for seed in range(4)]
-    for name in MEASURED:
-        errors = [[flight[name] - calm[name] for flight in noisy]
-                  for noisy, calm in zip(flights, quiet_ones, strict=True)]
-        for order in (0, 1):
-            mine, other = (rms(np.diff(error, order)) for error in errors)
-            assert mine == pytest.approx(other, rel=SCATTER if order == 0 else 0.03), (name, order)
 
 
 # ---- drawing, labels, files
@@ -455,16 +286,6 @@ def test_same_seed_same_bits_and_another_seed_another_flight():
     assert not np.array_equal(first[0]["theta"][:100], other[0]["theta"][:100])
 
 
-def test_double_the_size_changes_nothing_else():
-    for cause in ("gust", "slosh", "periodic_disturbance", "control_loss"):
-        once, twice = draw_spec(9, cause), draw_spec(9, cause, factor=2.0)
-        assert dataclasses.replace(once, effects=()) == dataclasses.replace(twice, effects=())
-        first, second = (told(spec.effects[0])["parameters"] for spec in (once, twice))
-        size = CATALOGUE[cause].parameters[0].name
-        assert second.pop(size) == pytest.approx(2.0 * first.pop(size))
-        assert first == second
-
-
 def test_draws_stay_in_their_ranges():
     specs = [draw_spec(seed) for seed in range(300)]
     factors = np.array([dataclasses.astuple(spec.noise) for spec in specs])
@@ -475,22 +296,9 @@ def test_draws_stay_in_their_ranges():
     assert draw_spec(1, rate=50.0, drop=("beta",)).drop == ("beta",)
 
 
-@pytest.mark.parametrize("nominal", NAMES)
-def test_times_fall_into_the_flight(nominal):
-    end = vehicle(nominal).duration
-    for seed in range(40):
-        rng = np.random.default_rng(seed)
-        gust, loss = (told(LISTED[cause](1.0, rng, nominal))["parameters"] for cause in ("gust", "control_loss"))
-        flip = UNLISTED["gyro_flip"](1.0, rng, nominal)
-        assert 5.0 <= gust["time"] and gust["time"] + gust["duration"] <= end - 4.9
-        assert 10.0 < loss["time"] < end - 20.0
-        assert 5.0 < flip["at_s"] and flip["at_s"] + flip["length_s"] < end
-
-
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("nominal", ["constant", "vega_like"])
-def test_rough_reference_is_another_of_similar_amplitude(nominal, seed):
-    flown, label = fly(Spec(nominal=nominal, seed=seed, reference="rough"))
+def test_rough_reference_is_another_of_similar_amplitude(nominal):
+    flown, label = fly(Spec(nominal=nominal, seed=1, reference="rough"))
     assert not label.lost and label.causes == ()
     largest = np.abs(flown["theta_ref"]).max()
     assert 0.2 * vehicle(nominal).turn_amplitude < largest <= 0.14
@@ -521,30 +329,3 @@ def test_places_widen_when_the_deciding_column_is_dropped():
     assert label.places == (frozenset({"actuator"}),) and set(full) == set(COLUMNS)
     cut, label = fly(Spec(effects=(friction,), duration=1.0, drop=("beta",)))
     assert label.places[0] > {"actuator"} and set(cut) == set(COLUMNS) - {"beta"}
-
-
-def test_one_effect_of_a_kind_a_delay_off_the_grid_and_unknown_names_are_refused():
-    slosh = cause_at("slosh")
-    with pytest.raises(ValueError, match="two effects"):
-        fly(Spec(effects=(slosh, slosh)))
-    with pytest.raises(ValueError, match="whole number"):
-        hide("actuator_delay", {"delay": 0.0003})
-    with pytest.raises(ValueError, match="whole number"):
-        hide("controller_mismatch", {"kp_scale": 1.0, "kd_scale": 1.0, "delay": 0.005})
-    with pytest.raises(ValueError, match="expected one of"):
-        fly(Spec(nominal="saturn"))
-    with pytest.raises(ValueError, match="whole number"):
-        fly(Spec(rate=300.0))
-
-
-def test_csv_holds_the_columns_and_nothing_else(tmp_path):
-    flown, _ = fly(draw_spec(6, "gyro_bias", duration=5.0, rate=100.0))
-    order = ("theta_dot", "beta", "t", "theta")
-    write_csv(tmp_path / "some.csv", flown, order)
-    write_csv(tmp_path / "all.csv", flown)
-    log = read_log(tmp_path / "some.csv")
-    assert (tmp_path / "some.csv").read_text().splitlines()[0] == ",".join(order) and log.ignored == ()
-    assert all(np.array_equal(getattr(log, name), flown[name]) for name in order)
-    whole = read_log(tmp_path / "all.csv")
-    assert all(np.array_equal(getattr(whole, name), flown[name]) for name in COLUMNS)
-    assert np.array_equal(flown["t"], np.round(0.01 * np.arange(500), 12))

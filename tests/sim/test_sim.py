@@ -20,9 +20,8 @@ from sim.flight import SUITES, Flight, dispersion, fly, fly_whole, noise
 from sim.nominal import BUILT_IN, Nominal, Profile, built_in, load_nominal
 from sim.sections import Section
 from sim.vehicle.actuator import delayed_command
-from sim.vehicle.controller import limited, pseudo_derivative
 from sim.vehicle.record import NOISE, SECTION, TICK, Vehicle, assembled
-from sim.vehicle.step import measure, runge_kutta_4
+from sim.vehicle.step import runge_kutta_4
 
 CONSTANT = tomllib.loads(built_in("constant").read_text(encoding="utf-8"))
 SECTIONS = ("actuator", "controller", "guidance", "sensors", "simulation", "uncertainty", "vehicle")
@@ -87,13 +86,6 @@ def test_logged_acceleration_is_the_equation_of_motion():
     assert np.array_equal(flight.theta_ddot, 2.0 * flight.theta + -7.0 * flight.beta)
 
 
-def test_logged_rates_are_the_derivatives_of_the_logged_states():
-    flight = fly_whole(short(8.0), 1, "ideal")
-    h = flight.period
-    assert np.allclose((flight.theta[2:] - flight.theta[:-2]) / (2 * h), flight.theta_dot[1:-1], atol=2e-6)
-    assert np.allclose((flight.theta_dot[2:] - flight.theta_dot[:-2]) / (2 * h), flight.theta_ddot[1:-1], atol=2e-3)
-
-
 EVERYTHING = (
     "aero_damping:coefficient=0.05", "aero_cubic:coefficient=3", "friction:coefficient=0.002",
     "thrust_misalignment:angle=0.003", "slosh:coupling=0.1,frequency=3", "bending:gain=0.05,frequency=20",
@@ -113,11 +105,11 @@ OTHER_LAW = {"law": "rate", "ki": 1.0, "kd": 0.0, "derivative_time_constant": 0.
 @pytest.mark.parametrize(("servo", "law"), [({}, {}), (STIFF, {}), (FIRST_ORDER, OTHER_LAW)])
 def test_compiled_steps_are_those_of_plain_python_bit_for_bit(servo, law):
     """Every effect at once and none, servos that a step resolves, stiff, and of first order, both laws, filters."""
-    nominal = short(0.4, actuator=servo, controller=law)
+    nominal = short(0.2, actuator=servo, controller=law)
     flights = [[columns(of(nominal, 1, "ideal", effects=[from_text(text) for text in texts]))
                 for of in (fly_whole, unjitted_module("sim.flight").fly_whole)] for texts in ((), EVERYTHING)]
     for compiled, written in flights:
-        assert len(compiled["t"]) == 400 and {name: column.tobytes() for name, column in compiled.items()} == {
+        assert len(compiled["t"]) == 200 and {name: column.tobytes() for name, column in compiled.items()} == {
             name: column.tobytes() for name, column in written.items()}
     assert flights[0][0]["beta"].tobytes() != flights[1][0]["beta"].tobytes()
 
@@ -126,7 +118,7 @@ def test_compiled_steps_are_those_of_plain_python_bit_for_bit(servo, law):
 
 
 @pytest.mark.parametrize("suite", SUITES)
-@pytest.mark.parametrize(("seed", "period"), [(0, None), (3, 0.02), (7, 0.003)])
+@pytest.mark.parametrize(("seed", "period"), [(0, None), (7, 0.003)])
 def test_one_sample_at_a_time_is_the_whole_flight_bit_for_bit(suite, seed, period):
     nominal = short()
     whole = list(fly_whole(nominal, seed, suite, period).samples())
@@ -163,13 +155,6 @@ def test_streams_are_independent():
     assert np.array_equal(noise(3, "theta", 0.0, 5), np.zeros(5))
 
 
-def test_one_source_s_noise_is_left_alone_by_the_others():
-    loud, still = fly_whole(short(), 2), fly_whole(short(sensors={"theta_dot_std": 0.0, "beta_std": 0.0}), 2)
-    assert np.array_equal(loud.theta, still.theta)
-    assert not np.array_equal(loud.theta_dot, still.theta_dot)
-    assert not np.array_equal(loud.beta, still.beta)
-
-
 @pytest.mark.parametrize(("suite", "period"), [("flight", 0.01), ("ideal", 0.001)])
 def test_rows_are_every_period_from_zero_to_before_the_end(suite, period):
     flight = fly_whole(short(3.0), 0, suite)
@@ -193,29 +178,7 @@ def test_period_that_is_no_whole_number_of_steps_is_refused(period):
         fly_whole(short(), period=period)
 
 
-def test_period_zero_is_refused():
-    with pytest.raises(UsageError, match="period"):
-        fly_whole(short(), period=0.0)
-
-
-def test_unknown_suite_is_refused():
-    with pytest.raises(UsageError, match="suite"):
-        fly_whole(short(), suite="perfect")
-
-
 # ---- sensors
-
-
-@given(truth=hs.floats(-10, 10), error=hs.floats(-1, 1), step=hs.floats(1e-6, 0.5))
-def test_quantised_value_is_the_nearest_multiple(truth, error, step):
-    value = unjitted(measure)(truth, error, step)
-    assert abs(value / step - round(value / step)) < 1e-9
-    assert abs(value - (truth + error)) <= 0.5 * step * (1 + 1e-9)
-
-
-@given(truth=hs.floats(-10, 10), error=hs.floats(-1, 1))
-def test_step_zero_is_no_quantisation(truth, error):
-    assert unjitted(measure)(truth, error, 0.0) == truth + error
 
 
 def test_quantised_flight_shows_multiples_only():
@@ -230,11 +193,11 @@ def test_quantised_flight_shows_multiples_only():
 # ---- the loop
 
 
-@pytest.mark.parametrize(("name", "seed"), [(name, seed) for name in BUILT_IN for seed in (0, 11)])
-def test_logged_command_is_the_controller_s_from_the_logged_attitude(name, seed):
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_logged_command_is_the_controller_s_from_the_logged_attitude(name):
     """Plain Python on two columns of the log gives a third one back, bit for bit."""
     nominal = load_nominal(name)
-    flight = fly_whole(nominal, seed)
+    flight = fly_whole(nominal, 11)
     kp, kd, tau, period = (getattr(nominal.controller, key) for key in
                            ("kp", "kd", "derivative_time_constant", "period"))
     limit = nominal.actuator.deflection_limit
@@ -248,35 +211,11 @@ def test_logged_command_is_the_controller_s_from_the_logged_attitude(name, seed)
     assert flight.beta_cmd.tolist() == commands
 
 
-def test_command_is_limited():
-    flight = fly_whole(short(12.0, actuator={"deflection_limit": 0.01}), 0)
-    assert np.max(np.abs(flight.beta_cmd)) == 0.01
-
-
 def test_command_is_held_over_the_controller_s_period():
     flight = fly_whole(short(2.0), 0, "flight", 0.001)
     held = flight.beta_cmd.reshape(-1, 10)
     assert (held == held[:, :1]).all()
     assert len(np.unique(held[:, 0])) > 150
-
-
-def test_reference_is_the_guidance_table():
-    flight = fly_whole(load_nominal("constant"), 0)
-    expected = np.interp(flight.t, CONSTANT["guidance"]["t"], CONSTANT["guidance"]["theta_ref"])
-    assert np.allclose(flight.theta_ref, expected, atol=1e-15)
-    assert np.abs(flight.theta - flight.theta_ref).max() < 0.1
-
-
-@given(free=hs.floats(-5, 5))
-def test_command_is_within_its_limit(free):
-    assert unjitted(limited)(0.12, free) == (free if abs(free) <= 0.12 else math.copysign(0.12, free))
-
-
-def test_pseudo_derivative_of_a_ramp_tends_to_its_slope():
-    derivative = 0.0
-    for k in range(1, 400):
-        derivative = unjitted(pseudo_derivative)(0.05, 0.01, 0.3 * 0.01 * k, 0.3 * 0.01 * (k - 1), derivative)
-    assert derivative == pytest.approx(0.3, rel=1e-12)
 
 
 # ---- the actuator's delay
@@ -294,16 +233,7 @@ def test_delayed_command_is_the_mean_of_the_held_command_over_the_step(seed, tic
     assert made == pytest.approx(expected, abs=1e-9)
 
 
-def test_no_delay_is_the_command_itself():
-    commands = np.array([1.0, 2.0, 3.0])
-    assert unjitted(delayed_command)(commands, 1, 0.009, 0.001, 0.01, 0.0) == 2.0
-
-
-def test_command_before_the_first_was_zero():
-    assert unjitted(delayed_command)(np.array([1.0, 2.0]), 1, 0.0, 0.001, 0.01, 0.05) == 0.0
-
-
-@pytest.mark.parametrize("delay", [0.01, 0.03, 0.035, 0.002])
+@pytest.mark.parametrize("delay", [0.03, 0.002])
 def test_delay_shifts_the_nozzle(delay):
     """Open loop, gains zero: the nozzle follows the command noise alone, and does so `delay` later."""
     loop = {"controller": {"kp": 0.0, "kd": 0.0}}
@@ -313,11 +243,6 @@ def test_delay_shifts_the_nozzle(delay):
     assert np.allclose(late.beta[:n], 0.0, atol=1e-12)
     assert np.allclose(late.beta[n:], prompt.beta[:-n], atol=1e-11)
     assert np.std(prompt.beta) > 1e-4
-
-
-def test_delay_destabilises_what_was_stable():
-    assert not fly_whole(short(40.0), 0).lost
-    assert fly_whole(short(40.0, actuator={"delay": 0.3}), 0).lost
 
 
 # ---- the nominals that come with it
@@ -330,15 +255,6 @@ def test_built_in_nominal_has_every_section(name):
     assert nominal.name == name
     assert (nominal.vehicle.k1 < 0).all()
     assert load_nominal(built_in(name)).name == name
-
-
-def test_constant_nominal_is_its_file():
-    nominal = load_nominal("constant")
-    for section in ("actuator", "controller", "sensors", "simulation"):
-        for key, value in CONSTANT[section].items():
-            assert getattr(getattr(nominal, section), key) == value, (section, key)
-    assert (nominal.vehicle.a6.tolist(), nominal.vehicle.k1.tolist()) == ([2.0], [-7.0])
-    assert (nominal.actuator.delay, nominal.diagnosis.tolerance, nominal.sensors.theta_step) == (0.0, 0.02, 0.0)
 
 
 @pytest.mark.parametrize("name", BUILT_IN)

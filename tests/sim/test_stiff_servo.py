@@ -22,7 +22,6 @@ from sim.vehicle.actuator import (
     FIRST_ORDER_DAMPING,
     FREE,
     RESOLVED,
-    as_line,
     fastest_pole,
     servo_motion,
 )
@@ -31,7 +30,7 @@ from sim.vehicle.record import FLIGHT
 NONE = math.inf  # rad/s, of a rate limit
 POLES = st.floats(math.log(5.0), math.log(1.0e4)).map(math.exp)  # rad/s
 DAMPINGS = st.floats(0.2, 0.99)
-EXAMPLES = 6     # diagnoses of half a second
+EXAMPLES = 2     # diagnoses of a second
 
 
 def first_order(pole):
@@ -45,8 +44,6 @@ def second_order(pole, other):
 
 
 STIFF = second_order(60.0, 5000.0)   # natural_frequency 547.7, damping_ratio 4.619
-SERVOS = st.one_of(POLES.map(first_order), st.builds(second_order, POLES, POLES),
-                   st.builds(lambda w, zeta: {"natural_frequency": w, "damping_ratio": zeta}, POLES, DAMPINGS))
 
 
 def moved(frequency, damping, is_lag, h, start, rate=NONE):
@@ -84,15 +81,7 @@ def test_under_a_held_command_it_moves_as_the_matrix_exponential_has_it(w, zeta,
         assert abs(end_rate / w - x[3]) < 1e-10 * size
 
 
-@given(values=st.tuples(*[st.floats(-1.0, 1.0)] * 2), h=st.floats(1e-4, 1e-2))
-def test_a_line_has_the_integrals_that_it_was_drawn_for(values, h):
-    first, last = values
-    start, middle, end = as_line(h, 0.5 * h * (first + last), h * h * (2.0 * first + last) / 6.0)
-    assert (start, middle, end) == pytest.approx((first, 0.5 * (first + last), last), abs=1e-12)
-
-
-@pytest.mark.parametrize(("w", "zeta"), [(400.0, 0.7), (547.7, 4.619), (3000.0, 1.0)])
-@pytest.mark.parametrize("rate", [0.05, 2.0, 20.0])
+@pytest.mark.parametrize(("w", "zeta", "rate"), [(400.0, 0.7, 2.0), (547.7, 4.619, 20.0), (3000.0, 1.0, 0.05)])
 def test_a_rate_limit_is_that_of_small_steps(w, zeta, rate):
     """The nozzle moves over ten steps of 2.5 ms, from rest to 0.05 rad: apart by what it moves in a part of a step,
     where it begins and where it ends."""
@@ -168,14 +157,12 @@ def test_a_servo_in_two_forms_is_one_servo_to_the_bound():
 
 
 def test_a_diagnosis_is_the_same_in_both_forms():
-    """The flights are one with a slow servo, and one with a gust."""
-    for text, cause in (("actuator_bandwidth:scale=0.4", "actuator_bandwidth"),
-                        ("gust:angle=0.02,time=6,duration=2", "gust")):
-        found = []
-        for servo in (first_order(60.0), STIFF):
-            nominal = short(15.0, actuator=servo)
-            flown = fly_whole(short(15.0, actuator=first_order(60.0)), 2, effects=[from_text(text)])
-            found.append(diagnose(log_of(flown), nominal))
-        assert [made.named[0].cause for made in found] == [cause] * 2
-        sizes = [next(iter(made.named[0].parameters.values()))[0] for made in found]
-        assert sizes[0] == pytest.approx(sizes[1], rel=0.02)
+    found = []
+    for servo in (first_order(60.0), STIFF):
+        nominal = short(15.0, actuator=servo)
+        flown = fly_whole(short(15.0, actuator=first_order(60.0)), 2,
+                          effects=[from_text("actuator_bandwidth:scale=0.4")])
+        found.append(diagnose(log_of(flown), nominal))
+    assert [made.named[0].cause for made in found] == ["actuator_bandwidth"] * 2
+    sizes = [next(iter(made.named[0].parameters.values()))[0] for made in found]
+    assert sizes[0] == pytest.approx(sizes[1], rel=0.02)

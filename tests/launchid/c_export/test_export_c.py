@@ -24,19 +24,16 @@ from ported import (
     needs_compiler,
     replayed,
     some,
-    translated,
     written,
 )
 
 from launchid.c_export.kinds import FLOAT, INTEGER, TRUTH, Array, Untranslatable, join, literal
-from launchid.c_export.program import c_files
 from launchid.c_export.unit import Unit
 from launchid.cli.main import main
 from launchid.identification.windows import onboard_model
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
 from launchid_core.model import OFFSETS
 from launchid_core.order.entries import calls_of
-from sim.errors import InputError
 from sim.nominal import load_nominal
 
 NAN = math.nan
@@ -106,10 +103,12 @@ def assert_same(program: Path, config: Config, samples: list[Sample]) -> list[li
     return wanted
 
 
-@needs_compiler  # of every formulation, solver and part of the filter one
-@pytest.mark.parametrize("name", some("filtered-vega-range", "filtered-terms", "filtered-wind", "filtered-servo",
-                                      "filtered-functions", "measured-stls", "difference-sr3", "integral-ssr",
-                                      "integral-lasso", "lpv"))
+KINDS = some("filtered-vega-range", "filtered-wind-servo", "filtered-functions", "measured-stls", "difference-sr3",
+             "integral-lasso", "lpv")  # of every formulation, solver and part of the filter one
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", KINDS)
 def test_a_flight_gives_the_same_bits(name, tmp_path):
     config = CONFIGS[name]
     samples = flight("vega_like" if "vega" in name else "constant", "ideal" if "measured" in name else "flight",
@@ -118,10 +117,11 @@ def test_a_flight_gives_the_same_bits(name, tmp_path):
     assert sum(line[0] == "window" and line[1] == "0" for line in said) >= 3  # or there was nothing to compare
     assert any(line[0] == "level" for line in said) == ("range" in name)
     changed = any(line[0] == "change" for line in said) or int(said[-1][-1]) > 0  # or withdrawn
-    assert changed or name == "filtered-wind" or not name.startswith("filtered")
+    assert changed or "wind" in name or not name.startswith("filtered")
 
 
 @needs_compiler
+@pytest.mark.campaign
 def test_a_minus_zero_of_the_nominal_keeps_its_sign(tmp_path):
     model = dataclasses.replace(onboard_model(load_nominal("constant")), profile_a6=(-0.0,))
     config = Config(window=1.0, sample_period=0.01, formulation="filtered", model=model)
@@ -143,11 +143,12 @@ def test_a_sudden_change_at_no_time_is_the_same(tmp_path):
     pytest.param(("-O0",), marks=pytest.mark.campaign), pytest.param(("-O2",), marks=pytest.mark.campaign),
     ("-O3", "-march=native")], ids="".join)
 def test_every_optimisation_gives_the_same_bits(flags, tmp_path):
-    config = CONFIGS["filtered-range"]
-    samples = flight()[:3000]
-    samples[1000] = samples[1000]._replace(theta=samples[1000].theta + 0.2)
+    config = CONFIGS["filtered-vega-range"]
+    samples = flight("vega_like")[:3000]
+    for k in (1000, *range(1200, 1205)):
+        samples[k] = samples[k]._replace(theta=samples[k].theta + 0.2)
     said = assert_same(built(tmp_path, config, *flags), config, samples[:1500] + samples[1520:])
-    # the spike, and five in a row as control is lost; the gap, and the restart after those five; noise levels' steps
+    # the spike, and five in a row; the gap, and the restart after those five; noise levels' steps
     assert said[-1][:3] == ["notes", "6", "2"] and int(said[-1][3]) > 0
 
 
@@ -167,11 +168,9 @@ def test_hostile_samples_give_the_same_bits_and_no_undefined_behaviour(name, tmp
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", [
-    "filtered-range", "integral-lasso", pytest.param("filtered-functions", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("name", ["filtered-vega-range", "integral-lasso"])
 def test_the_port_needs_nothing_but_mathematics_and_memory_is_the_estimator_s(name, tmp_path):
-    """No allocation, no file, no print: what the object asks of other libraries.  And all that persists is in the
-    struct: a data segment that can be written holds nothing."""
+    """No allocation, no file, no print: what the object asks of other libraries."""
     subprocess.run([str(CC), *STRICT, "-O2", "-fno-stack-protector", "-fno-pic", "-fno-pie", "-c", "launchid.c",
                     "-o", "launchid.o"], cwd=written(tmp_path, CONFIGS[name]), check=True)
     listed = subprocess.run(["nm", "launchid.o"], cwd=tmp_path, capture_output=True, text=True, check=True)
@@ -182,7 +181,7 @@ def test_the_port_needs_nothing_but_mathematics_and_memory_is_the_estimator_s(na
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["filtered-range", "lpv"])
+@pytest.mark.parametrize("name", ["filtered-vega-range", "lpv"])
 def test_the_header_says_how_large_an_estimator_is(name, tmp_path):
     written(tmp_path, CONFIGS[name])
     said = re.search(r"(\d+) bytes that\s+persist, (\d+) of scratch", (tmp_path / "launchid.h").read_text("utf-8"))
@@ -192,17 +191,6 @@ def test_the_header_says_how_large_an_estimator_is(name, tmp_path):
     subprocess.run([str(CC), *STRICT, "size.c", "-o", "size"], cwd=tmp_path, check=True)
     sizes = subprocess.run(["./size"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     assert said is not None and list(said.groups()) == sizes.split()
-
-
-def test_the_same_configuration_gives_the_same_files():
-    config = CONFIGS["filtered-range"]
-    assert c_files(config) == translated(config)
-
-
-def test_no_function_calls_itself_and_every_loop_has_a_bound():
-    source = translated(CONFIGS["filtered-terms"])["launchid.c"]
-    assert "while" not in re.sub(r"/\*.*?\*/", "", source, flags=re.S)
-    assert "goto" not in source and "malloc" not in source
 
 
 # ---- the translation
@@ -222,13 +210,6 @@ def test_a_variable_that_is_a_number_here_and_an_array_there_is_refused():
 @pytest.mark.parametrize("x", [0.1, -0.0, 5e-324, 1.7976931348623157e308, 1 / 3, 1e22])
 def test_a_literal_keeps_its_bits(x):
     assert bits(float(literal(x))) == bits(x)
-
-
-@pytest.mark.parametrize(("value", "text"), [(True, "true"), (2**31, "INT64_C(2147483648)"), (-5, "-5"),
-                                             (math.inf, "(double)INFINITY"), (-math.inf, "-(double)INFINITY"),
-                                             (NAN, "(double)NAN")])
-def test_literals_by_name(value, text):
-    assert literal(value) == text
 
 
 def _while_loop(x):
@@ -373,13 +354,6 @@ def test_wrong_words_are_one_line(words, status, said, tmp_path, capsys, monkeyp
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_noise_whose_square_overflows_is_one_line():
-    nominal = load_nominal("constant")
-    loud = dataclasses.replace(nominal, sensors=dataclasses.replace(nominal.sensors, theta_std=1e200))
-    with pytest.raises(InputError, match=r"noise of 1e\+200"):
-        onboard_model(loud)
-
-
 # ---- what Python has and C has not
 
 
@@ -411,16 +385,8 @@ def strict(value):
     return type(value)(*map(strict, value)) if hasattr(value, "_fields") else value
 
 
-def test_a_strict_array_refuses_an_index_from_the_end():
-    x = np.zeros(3).view(Strict)
-    assert x[0:2][1] == x[2] == 0.0
-    for at in (-1, slice(2, 5), slice(-1, 2)):
-        with pytest.raises(IndexError, match="from the end"):
-            x[at]
-
-
 @pytest.mark.skipif(not numba.config.DISABLE_JIT, reason="only with NUMBA_DISABLE_JIT=1: compiled code does not ask")
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", KINDS)
 def test_no_kernel_counts_an_index_from_the_end(name):
     """Compiled code may count it from the end, C takes it as it is: each one is asked here."""
     e = Estimator(dataclasses.replace(CONFIGS[name], window=0.4))

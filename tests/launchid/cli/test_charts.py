@@ -10,7 +10,7 @@ pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figure
 from matplotlib.figure import Figure
 
 from launchid.charts import FOLDER, MARKS, inlined
-from launchid.charts.figure import MOST, figure_json
+from launchid.charts.figure import figure_json
 
 
 def curves(rows: int = 1, columns: int = 1):
@@ -37,20 +37,6 @@ def test_every_number_of_a_curve_is_there(origin):
     assert {panel["group"] for panel in found["panels"]} == {0}, "one abscissa, one zoom"
 
 
-def test_bands_lines_across_and_words_are_marks():
-    figure, ((axis,),) = curves()
-    axis.plot([0.0, 10.0], [1.0, 2.0])
-    axis.axhspan(-1.0, 1.5, color="0.9")
-    axis.axvspan(2.0, 3.0)
-    axis.axvline(4.0, linestyle="--")
-    axis.annotate("a cause", (4.0, 1.0), xycoords=("data", "axes fraction"))
-    (panel,) = figure_json(figure)["panels"]
-    spans = {(m["axis"], m["from"], m["to"]) for m in panel["marks"] if "to" in m}
-    assert spans == {("y", -1.0, 1.5), ("x", 2.0, 3.0)}
-    assert [(m["axis"], m["from"], m["dash"]) for m in panel["marks"] if "dash" in m] == [("x", 4.0, [6, 4])]
-    assert [(m["at"], m["words"]) for m in panel["marks"] if "words" in m] == [([4.0, None], "a cause")]
-
-
 @pytest.mark.parametrize("draw", [
     lambda axis: axis.bar([1.0], [2.0]), lambda axis: axis.errorbar([1.0], [2.0], [0.1]),
     lambda axis: axis.imshow(np.eye(3)), lambda axis: axis.fill_between([0.0, 1.0], 0.0, 1.0)])
@@ -59,18 +45,6 @@ def test_what_is_no_curve_stays_a_picture(draw):
     draw(axis)
     assert figure_json(figure) is None
     assert figure_json(Figure()) is None
-
-
-def test_a_long_curve_keeps_its_highest_and_lowest():
-    figure, ((axis,),) = curves()
-    x = np.zeros(500_000)
-    x[[123_456, 345_678]] = 1.0, -1.0
-    axis.plot(np.arange(len(x)), x)
-    found = figure_json(figure)
-    (series,) = found["panels"][0]["series"]
-    t, drawn = (np.array(found["arrays"][series[name]]) for name in "xy")
-    assert len(t) <= 1.1 * MOST and np.all(np.diff(t) > 0.0)
-    assert {123_456.0: 1.0, 345_678.0: -1.0}.items() <= dict(zip(t, drawn, strict=True)).items()
 
 
 def test_a_page_holds_the_library_its_licence_and_nothing_from_elsewhere():

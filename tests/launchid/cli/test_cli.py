@@ -5,9 +5,6 @@ In process through `launchid.cli.main.main`; a warning counts as a traceback.
 
 import json
 import math
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -91,12 +88,6 @@ def test_simulate_writes_the_same_bytes_for_the_same_seed(launchid, folder, tmp_
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes() != (tmp_path / "c").read_bytes()
 
 
-def test_simulate_takes_a_built_in_nominal_by_name(launchid, tmp_path):
-    status, _, _ = launchid("simulate", "vega_like", "--out", tmp_path / "log.csv", "--period", "0.1")
-    assert status == 0
-    assert len((tmp_path / "log.csv").read_text().splitlines()) == 951
-
-
 # ---- identify
 
 
@@ -133,13 +124,6 @@ def test_invalid_window_is_null_in_json(launchid, tmp_path):
     for window in windows:
         assert (window["valid"], window["status"], window["terms"]) == (False, "RANK", {})
         assert all(window[name] is None for name in NUMBERS - {"t_start", "t_end"})
-
-
-def test_identify_whole_log_is_one_window(launchid, folder):
-    status, out, _ = launchid("identify", folder / "flight.csv", "--window", "all", "--json", "-")
-    windows = strict_json(out)["windows"]
-    assert status == 0 and len(windows) == 1
-    assert windows[0]["t_start"] == 0.0 and windows[0]["t_end"] == pytest.approx(12.0)
 
 
 @pytest.mark.parametrize("options", [
@@ -201,11 +185,6 @@ def test_layout_of_the_file_does_not_change_the_answer(launchid, folder, tmp_pat
 HEAD = b"t,theta,beta\n"
 ROWS = b"".join(b"%.2f,%.3f,%.3f\n" % (k / 100, math.sin(k / 9), math.cos(k / 5)) for k in range(200))
 
-def test_path_with_a_line_feed_is_one_line_too(launchid, tmp_path):
-    status, _, err = launchid("identify", tmp_path / "two\nlines.csv")
-    assert status == 3
-    assert_one_line(err)
-
 
 # ---- what is data, however bad
 
@@ -227,29 +206,6 @@ def test_bad_stamps_and_values_are_data_and_counted(launchid, tmp_path):
     assert result["samples"]["accepted"] == 300
     assert result["samples"]["rejected"] == {"NONFINITE": 4, "RANGE": 1, "DT_ZERO": 1, "DT_NEGATIVE": 2}
     assert result["windows"] == strict_json(expected)["windows"]
-
-
-def test_missing_stamps_are_data(launchid, folder, tmp_path):
-    lines = (folder / "flight.csv").read_text().splitlines(keepends=True)
-    log = tmp_path / "gap.csv"
-    log.write_text("".join(lines[:311] + lines[391:]))  # 3.10 s to 3.89 s
-    status, out, _ = launchid("identify", log, "--window", "1", "--formulation", "integral", "--json", "-")
-    result = strict_json(out)
-    assert status == 0
-    assert result["samples"]["accepted"] == 1120
-    assert [w["status"] for w in result["windows"]].count("OK") == 11
-    assert result["windows"][3]["status"] == "GAP" and result["windows"][3]["a6"] is None
-
-
-@pytest.mark.parametrize(("window", "stamp"), [("1", "1e308"), ("all", "-1e308"), ("all", "1e11"), ("1", "-5")])
-def test_one_absurd_stamp_does_not_stop_the_command(launchid, folder, tmp_path, window, stamp):
-    lines = (folder / "flight.csv").read_text().splitlines(keepends=True)
-    lines[600] = ",".join([stamp, *lines[600].split(",")[1:]])
-    log = tmp_path / "log.csv"
-    log.write_text("".join(lines))
-    status, out, _ = launchid("identify", log, "--json", "-", "--window", window)
-    assert status == 0
-    assert strict_json(out)["samples"]["accepted"] == 1199
 
 
 # ---- wrong words
@@ -312,15 +268,6 @@ def test_output_that_cannot_be_written_is_status_3_and_leaves_nothing(launchid, 
     assert (tmp_path / "file").read_text() == "untouched"
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
-def test_folder_without_permission_is_status_3(launchid, folder, tmp_path):
-    closed = tmp_path / "closed"
-    closed.mkdir(mode=0o500)
-    status, _, err = launchid("simulate", folder / "short.toml", "--out", closed / "log.csv")
-    assert status == 3
-    assert_one_line(err, str(closed))
-
-
 def test_existing_output_is_replaced_whole_or_not_at_all(launchid, folder, tmp_path):
     target = tmp_path / "x.json"
     target.write_text("old")
@@ -363,14 +310,6 @@ def test_reproduce_writes_the_same_bytes_twice(launchid, tmp_path, names):
 
 
 # ---- as a process of its own
-
-
-def test_python_m_sim_is_the_command(folder):
-    words = ["identify", str(folder / "ideal.csv"), "--window", "1", "--json", "-"]
-    done = subprocess.run([sys.executable, "-m", "sim", *words], cwd=ROOT, capture_output=True, text=True, timeout=300,
-                          check=False)
-    assert done.returncode == 0
-    assert len(strict_json(done.stdout)["windows"]) == 12
 
 
 def test_confidence_case_draws_its_bands_and_margins(launchid, tmp_path):

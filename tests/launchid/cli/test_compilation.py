@@ -12,13 +12,10 @@ import pytest
 from every import every
 
 from launchid.cli.compilation import HELPER, Compilation
-from launchid.cli.main import main
-from launchid.commands.warm import compile_parts
-from sim.errors import INTERRUPTED, INTERRUPTED_STATUS, InputError
+from sim.errors import INTERRUPTED, INTERRUPTED_STATUS
 
 ROOT = Path(__file__).resolve().parents[3]
 COMPILED = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="nothing is compiled")
-FORKED = pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 KERNELS = """
 from launchid_core import compiled
 
@@ -62,18 +59,6 @@ def test_the_command_says_once_that_it_compiles_and_the_core_nothing(tmp_path):
     assert cold.stdout == warm.stdout == silent.stdout == "5.0\n"
     assert cold.stderr.startswith("launchid: compiling") and len(cold.stderr.splitlines()) == 1
     assert warm.stderr == silent.stderr == ""
-
-
-@FORKED
-def test_forked_workers_say_it_once_together(capsys):
-    announce = Compilation()
-    child = os.fork()
-    if child == 0:
-        announce.said[0] = 1
-        os._exit(0)
-    os.waitpid(child, 0)
-    announce("sim.flight", "advance")
-    assert capsys.readouterr().err == ""
 
 
 def test_what_lasts_is_counted_every_ten_seconds(capsys, monkeypatch):
@@ -127,12 +112,6 @@ def test_the_second_process_ends_with_the_first_and_its_work_is_kept(tmp_path):
 # ---- launchid warm
 
 
-def test_parts_run_beside_one_another_and_one_that_fails_is_named():
-    assert compile_parts(["effects", "effects"]) >= 0
-    with pytest.raises(InputError, match=r"launchid identify none\.csv: ended with status 3"):
-        compile_parts(["effects", "identify none.csv"])
-
-
 def test_where_nothing_can_be_kept_warm_says_so(tmp_path):
     (tmp_path / "file").write_text("")
     done = python("-m", "launchid", "warm", LAUNCHID_CACHE=tmp_path / "file")
@@ -167,8 +146,3 @@ def test_what_is_warm_compiles_nothing_in_two_commands(tmp_path):
     for words in (["simulate", "constant", "--out", log], ["identify", log, "constant"], ["identify", log]):
         done = python("-m", "launchid", *words, **variables)
         assert done.returncode == 0 and "compiling" not in done.stderr
-
-
-def test_warm_has_no_words(capsys):
-    assert main(["warm", "now"]) == 2
-    assert "unrecognized arguments: now" in capsys.readouterr().err

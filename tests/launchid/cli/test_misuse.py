@@ -4,7 +4,6 @@ InputError or UsageError, whatever a user hands over; a TypeError out of the dep
 """
 
 import datetime
-import math
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from every import every
 
 import launchid
 from launchid.cli.main import main
-from sim.errors import InputError
 
 T = np.arange(300) * 0.01
 COLUMNS = {"t": T, "theta": 0.01 * np.sin(3.0 * T), "beta": 0.01 * np.cos(5.0 * T)}
@@ -116,28 +114,7 @@ def _short() -> launchid.Nominal:
     return replace(found, simulation=replace(found.simulation, duration=0.1))
 
 
-def test_a_plot_takes_no_number_for_a_path():
-    pytest.importorskip("matplotlib")
-    with pytest.raises(launchid.UsageError, match="expected a path; found int"):
-        launchid.read_log(COLUMNS).plot(3)
-
-
 def test_a_frame_that_holds_no_data_yet_is_to_be_collected():
     polars = pytest.importorskip("polars")
     with pytest.raises(launchid.InputError, match=r"\.collect\(\)"):
         launchid.read_log(polars.DataFrame(COLUMNS).lazy())
-
-
-def test_records_of_an_array_are_columns():
-    records = np.rec.fromarrays(list(COLUMNS.values()), names=list(COLUMNS))
-    assert np.array_equal(launchid.read_log(records).beta, COLUMNS["beta"])
-
-
-def test_one_effect_need_not_be_a_list():
-    one, several = (launchid.simulate(_short(), effects=effects).flight.theta_dot
-                    for effects in ("gyro_bias:rate=0.01", ["gyro_bias:rate=0.01"]))
-    assert np.array_equal(one, several) and math.isfinite(one[0])
-
-
-def test_a_message_is_one_line_whatever_it_names():
-    assert str(InputError("a\nb\x1b[2J: no such file")) == r"a\nb\x1b[2J: no such file"

@@ -9,20 +9,16 @@ import launchid
 from launchid.cli.main import main
 from launchid.commands.identify import Identification
 from launchid.commands.identify import identify as identified
-from launchid.identification.windows import table
 from launchid.log.check import ideal_note
 from launchid.log.log import Log, flown_log, read_log, write_flight
 from launchid.results import residuals as rs
-from launchid_core import Change, Level
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import built_in, load_nominal
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figures")
 
-from launchid.figures import plots
 from launchid.results import figures
-from sim import canvas
 
 WINDOWS = 12
 
@@ -55,26 +51,6 @@ def labels(axis) -> set[str]:
 # ---- identify
 
 
-def test_what_is_not_determined_does_not_set_the_scale_and_is_marked_at_the_edge():
-    """The first window of a flight: nothing has moved yet, 4.5 +- 3."""
-    axis = drawn([window(0, 4.5, 3.0), *(window(k, 0.1 * k, 0.01) for k in range(1, WINDOWS))]).axes[0]
-    assert axis.get_ylim()[1] < 2.0
-    assert "value beyond the edge" in labels(axis)
-
-
-def test_a_large_value_with_a_usable_interval_is_within():
-    """a6 grows by a hundred in a flight, and its interval with it."""
-    axis = drawn([*(window(k, 0.01 * 2**k, 0.0005 * 2**k) for k in range(WINDOWS))]).axes[0]
-    assert axis.get_ylim()[1] > 0.01 * 2**(WINDOWS - 1)
-
-
-def test_legends_lie_outside_the_data():
-    figure = drawn([window(k, 2.0, 0.1) for k in range(WINDOWS)], load_nominal(built_in("constant")))
-    for axis in figure.axes:
-        if axis.get_legend() is not None:
-            assert axis.get_legend().get_window_extent().y0 >= axis.get_window_extent().y1 - 1.0
-
-
 def test_a_change_is_a_line_with_its_numbers_and_breaks_the_tracked_line():
     tracked = [{"valid": True, "a6": 2.0, "a6_std": 0.01, "k1": k1, "k1_std": 0.01, "wind": None, "wind_std": None}
                for k1 in [-8.0] * 6 + [-5.7] * 6]
@@ -100,45 +76,7 @@ def test_refused_windows_say_why_and_a_bound_is_drawn_where_there_is_one():
     assert not any("95 %" in text for text in labels(figure.axes[0]))
 
 
-def test_wind_is_drawn_where_there_is_any():
-    calm, windy = (drawn([window(k, 2.0, 0.1, wind=w, wind_std=std) for k in range(3)])
-                   for w, std in ((0.0, 0.0), (0.01, 0.002)))
-    assert len(windy.axes) == len(calm.axes) + 1
-    assert [axis.get_ylabel() for axis in windy.axes] == ["a6 [1/s$^2$]", "k1 [1/s$^2$]", "wind [rad]", "theta [rad]",
-                                                          "beta [rad]"]
-
-
-def test_the_text_has_the_digits_of_the_standard_deviation():
-    change = Change(60.0, 0.029, "k1", -8.14412, -5.71123, 2.4321, 0.071, 60.5, True)._asdict()
-    said = table({"windows": [window(0, 4.5253, 1.6, terms={"theta": 4.5253, "sin(theta)": 1.25},
-                                     terms_std={"theta": 1.6, "sin(theta)": 0.25})], "changes": [change],
-                  "samples": {"accepted": 1, "rejected": {}}, "filter": {}})
-    assert "4.5 +- 1.6" in said and "4.5253" not in said and "theta, sin(theta) 1.25 +- 0.25" in said
-    assert "at 60.000 +- 0.029 s: -8.144 -> -5.711 1/s^2 (size 2.432 +- 0.071)" in said
-
-
 # ---- uncertainty, and the paper's figures
-
-
-def test_a_first_delta_of_7_7_does_not_crush_the_bands():
-    axis = canvas.panels(1, "test")[1][0]
-    levels = [Level(7.7, 5.0, "undecided", (), True, np.nan), *[Level(0.1, 0.05, "0-30", (), True, np.nan)] * 5]
-    figures._delta_panel(axis, np.arange(6.0), levels, "a6")
-    assert axis.get_ylim() == (-1.3, 1.3)
-    assert any(line.get_label() == "value beyond the edge" for line in axis.lines)
-    known = canvas.panels(1, "test")[1][0]
-    figures._delta_panel(known, np.arange(6.0), [Level(1.8, 0.1, "out", (), False, 0.0)] * 6, "a6")
-    assert known.get_ylim()[1] > 1.8, "a delta that is known, and out, is shown"
-
-
-def test_errors_at_rounding_leave_a_readable_range_and_are_counted():
-    """Eighteen decades for an error of 1e-16 and a tolerance of 1 %."""
-    axis = canvas.panels(1, "test")[1][0]
-    axis.plot(np.arange(10.0), np.array([*[4e-16] * 8, 1e-3, 2e-3]), ".")
-    plots._error_scale(axis, 0.01)
-    low, high = axis.get_ylim()
-    assert np.log10(high / low) <= 6.0 and low <= 1e-3 <= high
-    assert "8 of 10 windows below 1e-06, the median of them 4e-16" in [text.get_text() for text in axis.texts]
 
 
 @pytest.mark.parametrize(("library", "panels"), [
@@ -188,31 +126,6 @@ def test_predictions_are_the_equations_solution():
     for each in found.predicted:
         assert np.max(np.abs(each.within - np.cos(2.0 * each.t))) < 1e-3 and each.fits[0] > 99.0
         assert each.ceiling > 99.0  # of no noise
-
-
-def test_too_few_predictions_have_no_fit():
-    few, enough = (rs.Predicted(1.0, *[np.linspace(1.0, 2.0, n)] * 5, np.zeros((n, rs.DRAWS)))
-                   for n in (rs.FEWEST - 1, rs.FEWEST))
-    assert np.isnan([*few.fits, few.ceiling]).all() and (*enough.fits, enough.ceiling) == (100.0, 100.0, 100.0)
-
-
-def truth(identification: Identification) -> list:
-    """The windows with the nominal's own a6 and k1."""
-    a6, k1 = identification.nominal.vehicle.at(np.zeros(1))
-    return [replace(each, xi=np.array([[0.0, a6[0] if term == "theta" else k1[0], 0.0] for term in each.terms]),
-                    support=np.array([[False, True, False]] * len(each.terms))) for each in identification.estimates]
-
-
-@pytest.mark.parametrize("has_rate", [True, False])
-def test_a_true_model_s_fit_is_what_noise_alone_leaves(identification, has_rate):
-    """The law holds where a quarter of the change is noise, and where a tenth is; a rate that is the attitude's slope
-    too."""
-    rate = identification.log.theta_dot if has_rate else np.full(len(identification.log.t), np.nan)
-    found = rs.residuals(replace(identification.log, theta_dot=rate), truth(identification), identification.nominal)
-    for each in found.predicted[:2]:
-        error = [1.0 - fit / 100.0 for fit in (each.fits[0], each.ceiling)]
-        assert error[1] == pytest.approx(error[0], rel=0.2)
-    assert np.std(found.noise) == pytest.approx(np.std(found.residual), rel=0.2)
 
 
 def test_the_command_draws_them_and_refuses_in_one_line(identification, tmp_path, capsys):

@@ -2,7 +2,7 @@
 
 import io
 import json
-import os
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
@@ -65,34 +65,6 @@ def test_a_terminal_shows_one_line_that_is_taken_off_at_the_end(clock, monkeypat
 @pytest.mark.parametrize("is_terminal", [False, True])
 def test_quiet_says_nothing(clock, monkeypatch, is_terminal):
     assert run_of(clock, monkeypatch, is_terminal, 100, is_quiet=True) == ""
-
-
-def test_a_worker_that_is_forked_says_nothing(clock, monkeypatch):
-    stream = Stream(True)
-    monkeypatch.setattr(terminal.sys, "stderr", stream)
-    with terminal.progress_shown(False):
-        parent = os.getpid()
-        monkeypatch.setattr(terminal.os, "getpid", lambda: parent + 1)
-        progress.report("windows", 1, 2)
-        assert stream.getvalue() == ""
-
-
-def test_a_caller_from_python_hears_nothing(capsys):
-    for _ in progress.each([1, 2], "windows"):
-        pass
-    assert capsys.readouterr() == ("", "")
-
-
-def test_a_counter_adds_up_what_workers_have_done():
-    heard = []
-    progress.listeners.append(lambda *what: heard.append(what))
-    try:
-        count = progress.Counter(5, "flights")
-        count(2)
-        count(3)
-    finally:
-        progress.listeners.clear()
-    assert heard == [("flights", 2, 5), ("flights", 5, 5)]
 
 
 # ---- pages
@@ -166,8 +138,11 @@ def test_a_report_cannot_be_written_into_a_file(log, tmp_path, capsys):
 
 def test_a_diagnosis_holds_the_log_beside_the_nominal_and_its_extension(tmp_path):
     pytest.importorskip("matplotlib")
-    flight = launchid.simulate("constant", seed=4, effects="control_loss:fraction=0.3,time=30")
-    launchid.diagnose(flight, "constant").write_report(tmp_path)
+    nominal = load_nominal("constant")
+    assert nominal.simulation is not None
+    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=20.0))
+    flight = launchid.simulate(nominal, seed=4, effects="control_loss:fraction=0.4,time=10")
+    launchid.diagnose(flight, nominal).write_report(tmp_path)
     words = page_of(tmp_path / "report.html").words
     assert "Measured beside simulated" in words and {"constant", "extension"} <= set(words)
     assert (tmp_path / "comparison.png").exists() and (tmp_path / "responses.png").exists()

@@ -96,9 +96,3 @@ def test_effects_as_json(capsys, tmp_path):
     assert (time["name"], time["unit"], time["required"], time["default"]) == ("time", "s", True, None)
     slosh = rows["slosh"]["parameters"]
     assert [p["default"] for p in slosh] == [0.0, None, 0.02] and slosh[0]["low"] == -0.9
-
-
-def test_the_words_of_every_effect_are_those_of_the_formats():
-    page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-    rows = dict(re.findall(r"^\| \w+ \| `(\w+)` \| [^|]+ \| ([^|]+?) \|$", page, re.MULTILINE))
-    assert {name: MEANING.get(name) for name in CATALOGUE} == {name: rows.get(name) for name in CATALOGUE}

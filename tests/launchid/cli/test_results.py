@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import launchid
-from launchid.log.log import REQUIRED
 from sim.nominal import load_nominal, write_nominal
 from sim.shown import MOST_ROWS, with_std
 
@@ -120,12 +119,6 @@ def test_a_notebook_shows_its_first_line_and_a_short_table(folder, name):
 
 
 # ---- a log and a nominal
-
-
-def test_a_log_s_frame_is_a_log(folder):
-    log = launchid.read_log(folder / "log.csv")
-    again = launchid.read_log(log.to_frame())
-    assert again.columns == log.columns and all((getattr(again, name) == getattr(log, name)).all() for name in REQUIRED)
 
 
 def test_a_log_that_holds_little_is_said_as_it_is():

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import math
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from scipy.stats import kstest
 
 import launchid
 from launchid.commands.compare import compare
-from launchid.comparison.dispersion import FIRST_SEED, Draw, dispersed, drawn, fly_drawn, place
+from launchid.comparison.dispersion import FIRST_SEED, Draw, dispersed, drawn, fly_drawn
 from launchid.comparison.flown import along, flown, quiet
 from launchid.comparison.prediction import predictions
 from launchid.comparison.result import Comparison
@@ -97,12 +96,6 @@ def test_missing_rows_cost_nothing_but_themselves():
         assert abs(points_off(holed, CONSTANT, channel)) < 2.0
 
 
-def test_a_horizon_between_rows_is_left_out():
-    log = flown_log(fly_whole(SHORT, 1, period=0.2))
-    log = dataclasses.replace(log, theta_ref=np.full(len(log.t), np.nan))
-    assert set(predictions(log, CONSTANT, check(log, CONSTANT))["theta"]) == {1.0}
-
-
 def test_a_hidden_cause_raises_the_coefficient_and_its_extension_takes_it_back():
     hidden, own = log_of_seed(3, DELAY), log_of_seed(3)
     extension = dataclasses.replace(CONSTANT, effects=(DELAY,))
@@ -128,12 +121,6 @@ def test_a_flight_without_noise_is_flown_again():
         assert again[name] == pytest.approx(getattr(log, name), abs=1e-12)
 
 
-def test_a_lost_vehicle_is_flown_until_then():
-    log = log_of_seed(1)
-    again = flown(log, dataclasses.replace(CONSTANT, effects=(effect("control_loss", fraction=0.9, time=30.0),)))
-    assert again is not None and np.isfinite(again["theta"][:3000]).all() and np.isnan(again["theta"][-1])
-
-
 def test_what_has_no_reference_or_controller_is_not_flown():
     log = log_of_seed(1)
     assert flown(dataclasses.replace(log, theta_ref=np.full(len(log.t), np.nan)), CONSTANT) is None
@@ -141,15 +128,6 @@ def test_what_has_no_reference_or_controller_is_not_flown():
 
 
 # ---- dispersions
-
-
-def test_the_place_of_a_channel_by_hand():
-    flights = np.tile(np.arange(100.0)[:, None], (1, 4))
-    flights[:50, 3] = np.nan   # lost before
-    found = place(np.arange(4.0), np.array([49.5, 98.5, np.nan, 59.5]), flights, 0.3)
-    assert found.below[[0, 1, 3]] == pytest.approx([0.5, 0.99, 0.2]) and math.isnan(found.below[2])
-    assert (found.low[0], found.middle[0], found.high[0]) == pytest.approx((4.95, 49.5, 94.05))
-    assert found.outside == pytest.approx(1.0 / 3.0) and found.peak == 0.3
 
 
 def test_a_draw_has_the_sigmas_of_the_nominal_and_is_the_same_again():
@@ -256,11 +234,3 @@ def test_its_report_is_one_page_with_live_charts(made, tmp_path):
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert page.count('class="chart"') == 3 and "src=\"http" not in page
     assert (tmp_path / "report" / "compare.json").read_text(encoding="utf-8") == made.to_json() + "\n"
-
-
-def test_the_figures_name_each_nominal_once_a_panel(made):
-    pytest.importorskip("matplotlib")
-    for figure in made.figures().values():
-        for axis in figure.axes:
-            labels = axis.get_legend_handles_labels()[1]
-            assert len(labels) == len(set(labels)) and all(labels)

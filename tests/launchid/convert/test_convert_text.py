@@ -19,18 +19,14 @@ import pytest
 from mutated import mutated
 from written import write_mcap, write_ulog
 
-import launchid
 from launchid.cli.main import main
 from launchid.commands import convert as of_files
 from launchid.convert.columns import turned
 from launchid.convert.mapping import load_map
 from launchid.convert.readers import foreign_format, read_channels
-from launchid.convert.stream import MappedStream
 from launchid.log.log import read_log, write_columns
 from launchid.watch.lines import Lines
 from sim.errors import InputError
-from sim.flight import fly_whole
-from sim.nominal import load_nominal
 
 ROWS, PERIOD = 60, 0.008
 T = np.round(PERIOD * np.arange(ROWS), 6)
@@ -140,50 +136,12 @@ def test_a_table_gives_back_its_numbers(tmp_path, kind):
     assert np.array_equal(made.theta, THETA) and np.array_equal(made.beta, BETA)
 
 
-def test_a_log_of_one_message_a_row_is_identified(tmp_path):
-    """The truth of `constant`: k1 = -7."""
-    flight = fly_whole(load_nominal("constant"), 3)
-    rows = []
-    columns = (flight.t, flight.theta, flight.theta_dot, flight.beta)
-    for t, theta, rate, beta in zip(*(x[:1200].tolist() for x in columns), strict=True):
-        rows += [f"{t!r},{theta!r},{rate!r},", f"{t + 0.0013!r},,,{beta!r}"]
-    of = MAP + 'theta_dot = {from = "rate"}\n'
-    assert convert(tmp_path, "\n".join(["t,theta,rate,beta", *rows]), of) == 0
-    windows = launchid.identify(tmp_path / "o.csv", "constant", window=4).report["windows"]
-    assert len(windows) == 3
-    assert all(w["valid"] and abs(w["k1"] + 7.0) < 4.0 * w["k1_std"] for w in windows)
-
-
-def test_a_faster_topic_of_a_table_is_on_the_slower_one_s_rows(tmp_path):
-    """theta at 1 kHz and beta at 100 Hz, one message a row, on either's clock."""
-    fast, slow = np.arange(1000) * 1e-3, np.arange(100) * 1e-2 + 2e-4
-    lines = sorted([(t, f"{t!r},{t!r},") for t in fast.tolist()] + [(t, f"{t!r},,{t!r}") for t in slow.tolist()])
-    text = "t,theta,beta\n" + "\n".join(line for _, line in lines)
-    assert convert(tmp_path, text, MAP) == 0
-    made = read_log(tmp_path / "o.csv")
-    assert np.allclose(made.theta, slow - 2e-4) and np.allclose(made.beta, slow)
-    assert convert(tmp_path, text, MAP.replace("[columns]", 'clock = "theta"\n[columns]').replace(
-        '"beta"}', '"beta", take = "held"}')) == 0
-    held = read_log(tmp_path / "o.csv")
-    rows = np.isfinite(held.theta)
-    assert rows.sum() == 1000 and np.isfinite(held.beta[rows]).sum() == 999
-    assert np.nanmax(np.abs(held.beta[rows] - held.t[rows])) < 1e-2
-
-
 def test_a_first_row_of_numbers_is_no_header_and_no_column_vanishes(tmp_path, capsys):
     rows = [",".join(repr(0.1 * k * j) for j in range(5)) for k in range(9)]
     status, channels, err = listed(tmp_path, capsys, "\n".join(rows))
     assert status == 0 and list(channels) == ["0", "1", "2", "3", "4"] and "no header" in err
     assert all(what.startswith("9 rows, 0 .. ") for what in channels.values())
     assert "the map names none of them" in refusal(tmp_path, capsys, "\n".join(rows))
-
-
-def test_columns_of_one_name_are_refused_where_they_are_asked_for(tmp_path, capsys):
-    twice = table(header="t,theta,theta")
-    assert "2 columns are called 'theta'" in refusal(tmp_path, capsys, twice)
-    assert listed(tmp_path, capsys, twice)[0] == 3
-    more = table().replace("\n", ",7,8\n").replace("7,8", "x,x", 1)
-    assert convert(tmp_path, more, MAP) == 0 and convert(tmp_path, twice, BY_PLACE + "[file]\nheader = 0\n") == 0
 
 
 @pytest.mark.parametrize("kind", [kind for kind in TABLES if kind != "any character"])
@@ -240,14 +198,6 @@ def test_a_log_that_grows_in_runs_of_blanks_is_read_as_the_whole(tmp_path):
         assert np.array_equal(np.concatenate([getattr(log, name) for log in grown]), x)
 
 
-def test_a_map_for_whole_files_is_refused_for_a_log_that_grows(tmp_path):
-    for line in ("[file]\nheader = 3\n", 'format = "%H"\n', f"period = {PERIOD}\n"):
-        text = MAP + line if "[file]" in line else MAP.replace("[columns]", line + "[columns]")
-        (tmp_path / "map.toml").write_text(text.replace('name = "t"\n', "") if "period" in line else text)
-        with pytest.raises(InputError, match=r"is for whole files.*launchid convert"):
-            MappedStream(load_map(tmp_path / "map.toml"))
-
-
 @pytest.mark.parametrize(("change", "mention"), [
     ("[file]\nheader = -1", "0 for none"), ("[file]\nheader = true", "0 for none"),
     (f"[file]\nheader = {DIGITS}", "0 for none"), ('[file]\ndelimiter = ";"\ndecimal = ";"', "another character"),
@@ -262,17 +212,6 @@ def test_a_wrong_word_about_the_text_is_one_line(tmp_path, capsys, change, menti
     ('period = 0.1\n[columns.gamma]\nfrom = "beta"\ntime = "t"', "leave one")])
 def test_a_wrong_period_is_one_line(tmp_path, capsys, line, mention):
     assert mention in refusal(tmp_path, capsys, table(), MAP.replace('name = "t"', line))
-
-
-def test_a_period_is_of_one_table(tmp_path, capsys):
-    io = pytest.importorskip("scipy.io")
-    io.savemat(tmp_path / "f.mat", {"theta": THETA, "beta": BETA[::2]})
-    of = MAP.replace('name = "t"', "period = 0.01")
-    assert "theta has 60 rows and beta has 30 rows; expected one table" in refusal(
-        tmp_path, capsys, (tmp_path / "f.mat").read_bytes(), of)
-    io.savemat(tmp_path / "f.mat", {"theta": THETA, "beta": BETA})
-    assert convert(tmp_path, (tmp_path / "f.mat").read_bytes(), of) == 0
-    assert np.allclose(read_log(tmp_path / "o.csv").t, 0.01 * np.arange(ROWS))
 
 
 def test_a_pipe_is_refused_before_it_is_read(tmp_path, capsys):
@@ -293,15 +232,6 @@ def test_an_attitude_of_0_to_360_degrees_is_continuous_and_its_jumps_are_told(tm
     assert jumps > 1 and f"theta: {jumps} jumps of a turn" in capsys.readouterr().err
     made = read_log(tmp_path / "o.csv").theta
     assert np.allclose(made - made[0], np.radians(theta - theta[0]))
-
-
-def test_a_log_that_grows_has_the_same_turns(tmp_path):
-    (tmp_path / "map.toml").write_text(MAP)
-    stream, angle = MappedStream(load_map(tmp_path / "map.toml")), 2.0 * math.pi * T * 7.0
-    wrapped = angle % (2.0 * math.pi)
-    found = np.concatenate([stream.log("x", {"t": T[k:k + 7], "theta": wrapped[k:k + 7], "beta": BETA[k:k + 7]}).theta
-                            for k in range(0, ROWS, 7)])
-    assert np.allclose(found, angle)
 
 
 def rolling(roll: np.ndarray, pitch: np.ndarray) -> np.ndarray:
@@ -332,15 +262,6 @@ def test_a_body_that_turns_about_its_other_axes_is_told(tmp_path, capsys, degree
         assert said == pytest.approx(abs(degrees), rel=0.02) and 'about "y"' in err
     wrong = np.max(np.abs(turned(q, 1, None) - pitch)) > 0.02 * np.ptp(pitch)
     assert wrong == (abs(degrees) > 100.0)
-
-
-def test_an_attitude_that_is_tilted_from_its_reference_is_told(tmp_path, capsys):
-    """A quarter turn of yaw, from the first row to the last."""
-    half = math.sqrt(0.5)
-    rows = "".join(f"{t!r},{half},0,0,{half},0\n" for t in T.tolist())
-    of = MAP.replace('{from = "theta"}', '{quaternion = ["a", "b", "c", "d"], reference = [1, 0, 0, 0]}')
-    assert convert(tmp_path, "t,a,b,c,d,beta\n" + rows, of) == 0
-    assert "turns by 90 degrees about its other axes" in capsys.readouterr().err
 
 
 def test_clocks_that_do_not_overlap_are_refused_with_both_spans(tmp_path, capsys):
@@ -397,19 +318,6 @@ def test_an_ardupilot_log_gives_its_numbers(tmp_path, capsys):
     assert status == 0 and {"ATT/Pitch", "IMU/GyrY", "IMU.1/GyrY", "RCOU/TimeUS"} <= channels.keys()
     assert main(["identify", str(tmp_path / "log.bin")]) == 3
     assert "ArduPilot DataFlash; expected --map" in capsys.readouterr().err
-
-
-def test_an_ardupilot_log_of_text_gives_its_numbers(tmp_path):
-    pytest.importorskip("pymavlink")
-    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns", "FMT, 129, 19, ATT, Qd, TimeUS,Pitch",
-             "FMT, 131, 19, RCOU, Qd, TimeUS,C1"]
-    for t, a, b in zip(*(x.tolist() for x in LOG.values()), strict=True):
-        stamp = round(t * 1e6)
-        lines += [f"ATT, {stamp}, {math.degrees(a)!r}", f"RCOU, {stamp}, {1500.0 + 1000.0 * b!r}"]
-    of = "".join(line + "\n" for line in ARDUPILOT.splitlines() if "IMU" not in line)
-    assert convert(tmp_path, "\n".join(lines) + "\n", of) == 0
-    made = read_log(tmp_path / "o.csv")
-    assert np.allclose(made.t, T) and np.allclose(made.theta, THETA) and np.allclose(made.beta, BETA)
 
 
 @pytest.mark.parametrize("form", ["4", "5"])
@@ -530,17 +438,6 @@ def mcap_of(path: Path, messages: list[str]) -> bytes:
     return path.read_bytes()
 
 
-@pytest.mark.parametrize("number", [DIGITS, str(2**64 + 3), str(-2**70), str(2**63)])
-def test_integers_beyond_64_bits_are_numbers_or_none(tmp_path, capsys, number):
-    data = mcap_of(tmp_path / "f", [f'{{"a": {0.1 * k}, "b": {number if k == 1 else k}}}' for k in range(4)])
-    assert convert(tmp_path, data, MCAP_MAP) == 0
-    beta = read_log(tmp_path / "o.csv").beta
-    assert (beta[1] == float(number)) if len(number) < 30 else np.isnan(beta[1])
-    assert beta[[0, 2, 3]].tolist() == [0.0, 2.0, 3.0]
-    status, channels, _ = listed(tmp_path, capsys)
-    assert status == 0 and channels.keys() == {"imu/a", "imu/b", "imu/log_time"}
-
-
 def test_chunks_and_messages_that_lie_are_refused(tmp_path, capsys):
     good = mcap_of(tmp_path / "f", [f'{{"a": {k}, "b": 0.1}}' for k in range(50)])
     place = 8
@@ -555,27 +452,6 @@ def test_chunks_and_messages_that_lie_are_refused(tmp_path, capsys):
     assert "cannot be read as MCAP" in refusal(tmp_path, capsys, nested, MCAP_MAP)
     many = mcap_of(tmp_path / "f", [json.dumps({f"x{k}_{j}": 1 for j in range(101)}) for k in range(100)])
     assert "more than 10000 fields" in refusal(tmp_path, capsys, many, MCAP_MAP)
-
-
-@pytest.mark.parametrize("fields", ["double[999999999] q", ";".join(["double[60000] q"] * 9), "one[60000] q",
-                                    "two[2] q"])
-def test_a_ulog_format_that_no_message_can_hold_is_refused(tmp_path, capsys, fields):
-    pytest.importorskip("pyulog")
-    more = "one:double[60000] q;", *(f"{a}:{b}[2] q;{b}[2] r;" for a, b in zip(
-        ["two", *(f"t{k}" for k in range(40))], [*(f"t{k}" for k in range(40)), "double"], strict=True))
-    data = b"ULog\x01\x12\x35\x01" + bytes(8)
-    for kind, body in (("B", bytes(40)), *(("F", each.encode()) for each in (f"x:uint64_t timestamp;{fields};", *more)),
-                       ("A", struct.pack("<BH", 0, 0) + b"x"), ("D", bytes(10))):
-        data += struct.pack("<HB", len(body), ord(kind)) + body
-    assert "is longer than a message can be" in refusal(tmp_path, capsys, data)
-
-
-def test_a_mat_file_that_lies_is_refused(tmp_path, capsys):
-    io = pytest.importorskip("scipy.io")
-    io.savemat(tmp_path / "f.mat", LOG)
-    data = bytearray((tmp_path / "f.mat").read_bytes())
-    struct.pack_into("<i", data, data.find(struct.pack("<i", ROWS)), 2**31 - 1)
-    assert "is there but declares 2.147e+09 numbers" in refusal(tmp_path, capsys, bytes(data))
 
 
 def element(kind: int, body: bytes) -> bytes:
@@ -614,19 +490,6 @@ def test_what_ends_the_mat_library_is_refused_and_what_it_does_not_know_is_told(
         status, channels, _ = listed(tmp_path, capsys, data)
         assert status == 0 and channels["theta"].startswith("60 rows")
         assert "is a MATLAB object" in next(what for name, what in channels.items() if name.startswith("beta"))
-
-
-def test_a_dataflash_log_of_messages_without_length_is_refused(tmp_path, capsys):
-    pytest.importorskip("pymavlink")
-    dataflash(tmp_path / "log.bin")
-    data = bytearray((tmp_path / "log.bin").read_bytes())
-    data[89 + 4] = 0   # the length in the format of ATT: the library would not end
-    assert "messages of 0 bytes" in refusal(tmp_path, capsys, bytes(data), ARDUPILOT)
-    junk = (tmp_path / "log.bin").read_bytes() + bytes(120_000)
-    assert "damaged in too many places" in refusal(tmp_path, capsys, junk, ARDUPILOT)
-    (tmp_path / "log.bin").write_bytes((tmp_path / "log.bin").read_bytes()[:-700] + b"?" * 700)
-    assert convert(tmp_path, (tmp_path / "log.bin").read_bytes(), ARDUPILOT) == 0
-    assert "the file is damaged; what could be read is used" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("text", "mention"), [

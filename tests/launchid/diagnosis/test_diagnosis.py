@@ -20,7 +20,7 @@ from launchid.diagnosis.answer import extension, headline, lines, report
 from launchid.diagnosis.report.page import write_report
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.log import OPTIONAL, REQUIRED, Log, read_log, write_flight
-from sim.effects import CATALOGUE, from_text
+from sim.effects import from_text
 from sim.flight import fly_whole
 from sim.nominal import load_nominal, write_nominal
 from sim.sections import Drift, Offsets, Wind
@@ -82,49 +82,18 @@ def test_a_clean_flight_is_consistent_and_says_what_it_would_have_shown():
     json.dumps(result, allow_nan=False)
 
 
-@pytest.mark.parametrize(("effect", "parameter", "truth"), [
-    pytest.param("control_loss:fraction=0.1,time=18", "fraction", 0.1, marks=LONG),
-    pytest.param("aero_cubic:coefficient=8", "coefficient", 8.0, marks=LONG),
-    pytest.param("actuator_backlash:half_width=0.002", "half_width", 0.002, marks=LONG),
-    pytest.param("bending:gain=-0.002,frequency=26", "gain", -0.002, marks=LONG),
-    pytest.param("nozzle_inertia:coefficient=0.02", "coefficient", 0.02, marks=LONG)])
-def test_a_cause_is_named_with_its_size(effect, parameter, truth):
-    name = effect.partition(":")[0]
-    result = found(effect)
-    assert named(result) == [name], result["doubts"]
-    assert result["where"] == CATALOGUE[name].where
-    value = result["causes"][0]["parameters"][parameter]
-    assert abs(value["value"] - truth) < max(5.0 * value["std"], 0.02 * abs(truth))
-    assert result["gain"]["held_out"] and result["gain"]["nats"] > 0.0
-    assert all(error["after"] < 1.01 * error["before"] for error in result["gain"]["channels"].values())
-
-
-@pytest.mark.parametrize(("effect", "drop", "members"), [
-    ("steady_wind:angle=0.01", (), {"steady_wind", "attitude_bias", "thrust_misalignment"}),
-    pytest.param("actuator_gain:scale=0.75", ("beta",), {"actuator_gain", "control_effectiveness"}, marks=LONG)])
-def test_what_this_log_cannot_tell_apart_is_answered_by_the_set(effect, drop, members):
-    result = found(effect, drop=drop)
+def test_what_this_log_cannot_tell_apart_is_answered_by_the_set():
+    result, members = found("steady_wind:angle=0.01"), {"steady_wind", "attitude_bias", "thrust_misalignment"}
     assert members <= {result["causes"][0]["cause"], *result["causes"][0]["indistinguishable_from"]}
     assert result["causes"][0]["would_decide"] and set(result["either"][0]) >= members
 
 
 @pytest.mark.parametrize("drop", [
-    ("theta_ref", "beta_cmd"), ("theta_dot", "beta", "beta_cmd"),
-    *(pytest.param(drop, marks=LONG) for drop in (("beta",), ("theta_dot",), ("beta_cmd",), ("theta_ref",),
-                                                  ("theta_dot", "beta"), ("theta",)))])
+    ("theta_ref", "beta_cmd"), ("theta_dot", "beta", "beta_cmd"), pytest.param(("theta",), marks=LONG)])
 def test_missing_columns_remove_channels_and_never_fail(drop):
     result = found(drop=drop, seed=3, nominal=lasting(20.0))
     assert result["verdict"] == "consistent", result["doubts"]
     assert set(result["noise"]) <= {"theta", "theta_dot", "beta", "command", "acceleration"} - set(drop)
-
-
-@LONG
-@pytest.mark.parametrize("period", [0.005, 0.02])
-def test_other_rates_than_the_controllers(period):
-    assert found(period=period, seed=5)["verdict"] == "consistent"
-    result = found("actuator_delay:delay=0.006", period=period, seed=5)
-    assert "actuator_delay" in {name for cause in result["causes"]
-                                for name in (cause["cause"], *cause["indistinguishable_from"])}
 
 
 # ---- what a nominal may declare

@@ -5,7 +5,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_diagnosis import log_of
 from test_diagnosis_lost import NOMINAL, flown, judged
 
 from launchid.diagnosis.answer import report
@@ -13,8 +12,6 @@ from launchid.diagnosis.controller.command import _is_held
 from launchid.diagnosis.data.record import _is_printed, on_grid
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
-from sim.flight import fly_whole
-from sim.nominal import Forecast, Wind
 
 
 def forward(x, every):
@@ -83,24 +80,6 @@ def test_a_vehicle_of_the_other_sign_is_told_so():
                            dataclasses.replace(NOMINAL, controller=None)))
     assert made["verdict"] == "unexplained"
     assert made["doubts"][0].startswith("beta, or theta and its rate, has the opposite sign over the whole log: k1")
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("walk", [0.005, 0.03])
-def test_a_calm_day_contradicts_no_wind_that_was_declared(walk):
-    """The wind held at half the declared was too strong for the log, and a6 or a friction made it weaker."""
-    result = judged(flown(""), dataclasses.replace(NOMINAL, wind=Wind(walk=walk, turbulence=2.0 * walk)))
-    assert result["verdict"] == "consistent"
-
-
-@pytest.mark.campaign
-def test_what_is_beside_found_weather_and_takes_nothing_away_is_not_named():
-    """A shear that nobody declared is a walk of the wind; the drift beside it took 1 % of the error away."""
-    shear = Forecast(np.array([0.0, 5.0, 25.0, 30.0]), np.array([0.0, 0.0, 0.06, 0.06]))
-    log = log_of(fly_whole(dataclasses.replace(NOMINAL, wind=Wind(profile=shear)), 4))
-    result = report(diagnose(log, NOMINAL))
-    assert result["verdict"] in ("explained", "dominant", "unexplained")
-    assert [each["cause"] for each in result["causes"]] in ([], ["wind_walk"], ["turbulence"])
 
 
 @pytest.mark.campaign

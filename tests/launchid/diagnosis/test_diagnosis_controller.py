@@ -14,7 +14,7 @@ from launchid.diagnosis.controller.check import check_controller
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.fill import filled, on_board
 from launchid.diagnosis.controller.issued import with_commands
-from launchid.diagnosis.controller.kind import NONE, UNKNOWN
+from launchid.diagnosis.controller.kind import NONE
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
@@ -72,15 +72,6 @@ def test_the_mismatch_is_named_from_every_other_command(effect, tau):
 
 
 @LONG
-@pytest.mark.parametrize("effect", ["delay=0.01", "kp_scale=1.1,delay=0.01"])
-def test_computing_time_that_is_no_whole_number_of_rows_is_not_told(effect):
-    """The commands answer errors that no row measured: they are another controller's, and no cause of the vehicle."""
-    made = diagnose(flown(f"controller_mismatch:{effect}", period=SLOW), NOMINAL)
-    assert (made.verdict, made.where, made.named) == ("unexplained", "controller", ())
-    assert made.reading.controller.kind == UNKNOWN
-
-
-@LONG
 @pytest.mark.parametrize("period", [0.005, 0.01])
 def test_gains_and_computing_time_are_named_beside_another_filter(period):
     """Exactly, and the extension has both: a second run on it says consistent."""
@@ -92,16 +83,6 @@ def test_gains_and_computing_time_are_named_beside_another_filter(period):
     assert list(made.named[0].values.values()) == pytest.approx([0.9, 1.1, 0.02], abs=1e-6)
     assert extension(made).controller.derivative_time_constant == pytest.approx(0.045, abs=1e-8)
     assert diagnose(log, extension(made)).verdict == "consistent"
-
-
-@LONG
-def test_another_filter_is_no_gain_in_every_other_command_either():
-    """A derivative that is a fifth quicker answers much like a fifth more gain."""
-    controller = dataclasses.replace(NOMINAL.controller, derivative_time_constant=0.04)
-    log = flown(period=SLOW, nominal=dataclasses.replace(NOMINAL, controller=controller))
-    made = diagnose(log, NOMINAL)
-    assert (made.verdict, made.where, made.reading.controller.kind) == ("unexplained", "controller", "filter")
-    assert made.reading.controller.time_constant == pytest.approx(0.04, rel=0.02)
 
 
 @LONG
@@ -133,15 +114,6 @@ def without(log, name, rows):
 
 
 @LONG
-def test_a_long_gap_in_a_slow_log_is_no_crash_and_nothing_is_claimed_of_the_controller():
-    log = flown(period=SLOW)
-    for name in ("theta", "theta_dot", "beta"):
-        log = without(log, name, slice(200, 1000))
-    made = diagnose(log, NOMINAL)
-    assert made.reading.controller is None or made.reading.controller.kind == "none"
-
-
-@LONG
 @pytest.mark.parametrize("period", [0.01, SLOW])
 def test_commands_that_were_not_logged_are_not_compared(period):
     made = diagnose(without(flown(period=period), "beta_cmd", [500, 501, 900]), NOMINAL)
@@ -163,13 +135,6 @@ def test_a_computing_time_longer_than_the_log():
     log = flown(period=SLOW)
     short = dataclasses.replace(log, **{name: getattr(log, name)[:250] for name in REQUIRED + OPTIONAL})
     assert read(short, nominal).controller is None  # no command of the log answers an error of the log
-
-
-@LONG
-def test_coarse_attitude_of_a_slow_log_is_no_other_controller():
-    coarse = dataclasses.replace(NOMINAL, sensors=dataclasses.replace(NOMINAL.sensors, theta_std=1e-5, theta_step=5e-4))
-    made = diagnose(flown(period=SLOW, nominal=coarse), coarse)
-    assert made.reading.controller.kind == "none"
 
 
 # ---- with filters

@@ -39,8 +39,7 @@ def kind(log):
 # ---- the controller remembers what the log does not have
 
 
-@pytest.mark.parametrize("length", [0.6, 5.0, 25.0])
-@pytest.mark.parametrize("begin", [0.0, TURNING, 12.0])
+@pytest.mark.parametrize(("begin", "length"), [(0.0, 25.0), (TURNING, 0.6), (12.0, 5.0)])
 def test_the_nominal_s_controller_is_recognised_wherever_its_log_begins(begin, length):
     assert kind(cut(flown(), begin, begin + length)).kind == NONE
 

@@ -311,11 +311,3 @@ def test_in_a_browser_a_report_s_curves_are_read_and_zoomed(folders, tmp_path):
     assert times["after"][0] == pytest.approx(low + 0.375 * (high - low), abs=spacing)
     assert all(re.search(r"measured\s*\u2212?[\d.]", found[name][0]) for name in times)
     assert 0 < found["drawn"] == found["charts"] < found["left"], "what is no curve stays a picture"
-
-
-def test_the_browser_test_sees_an_error_and_a_broken_image(folders, tmp_path):
-    page = with_last_line(folders["explained"] / "report.html", tmp_path / "page.html")
-    html = page.read_text(encoding="utf-8").replace("base64,iVBOR", "base64,AAAAA")
-    page.write_text(html.replace("<main>", "<main><script>undefinedName()</script>"), encoding="utf-8")
-    said = " ".join(console(page, tmp_path / "profile"))
-    assert "undefinedName" in said and "broken image" in said and LOADED in said

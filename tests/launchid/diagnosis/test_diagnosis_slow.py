@@ -3,11 +3,9 @@ between the rows is not in the log, and nobody takes that for a fault of the veh
 
 import dataclasses
 import functools
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden import Weather, draw_spec, fly
 from test_diagnosis import LONG, WHOLE, log_of
 
 from launchid.diagnosis.adapter import Follower
@@ -18,7 +16,6 @@ from launchid.log.detect import check
 from launchid.log.log import OPTIONAL
 from sim.effects import from_text
 from sim.flight import fly_whole
-from sim.nominal import Wind, load_nominal
 
 NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
 SLOW, SLOWER = 0.02, 0.04   # s, of a controller of 0.01 s
@@ -96,32 +93,3 @@ def test_where_the_model_does_not_stay_with_the_log_the_commands_are_no_better_k
 
     made, _ = with_commands(recorded(drop), Lost())
     assert made.unsure > 0.0 and made.between > 0.0
-
-
-def test_what_commands_feign_grows_with_how_many_are_unseen():
-    made = [with_commands(recorded("theta_ref", period), Follower())[0].unsure for period in (SLOW, SLOWER)]
-    assert made[1] == pytest.approx(3.0**0.5 * made[0], rel=1e-2)
-
-
-DROPPED = ("theta_ref", "beta_cmd", "theta_ref,beta", "beta_cmd,beta", "theta_ref,theta_dot", "beta_cmd,theta_dot")
-
-
-def by_another_generator(seed, name, windy, rate):
-    """(The nominal, which declares the wind of a windy flight; a clean flight's columns at this rate [Hz])."""
-    nominal, declared, given = load_nominal(name), Wind(turbulence=0.005, walk=0.002), {}
-    if windy:
-        nominal = dataclasses.replace(nominal, wind=declared)
-        given["wind"] = Weather(declared.turbulence, declared.walk, declared.turbulence_time, declared.initial)
-    return nominal, SimpleNamespace(**fly(draw_spec(seed, nominal=name, rate=rate, **given))[0])
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("windy", [False, True])
-@pytest.mark.parametrize("name", ["constant", "vega_like", "greensite_cr826"])
-@pytest.mark.parametrize("rate", [50.0, 25.0])
-def test_clean_flights_of_another_generator_are_consistent_without_reference_or_commands(rate, name, windy):
-    """36 logs a seed in the whole campaign, among the whole catalogue; a seed that set no number."""
-    nominal, columns = by_another_generator(9730, name, windy, rate)
-    for drop in DROPPED:
-        made = diagnose(log_of(columns, tuple(drop.split(","))), nominal)
-        assert (drop, made.verdict, made.doubts) == (drop, "consistent", ())

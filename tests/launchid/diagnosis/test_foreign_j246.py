@@ -78,18 +78,11 @@ def test_the_servo_is_the_first_order_lag_of_the_nominal(calm):
     assert np.max(np.abs(nozzle - true)) < 2e-5
 
 
-@pytest.mark.parametrize("name", ["calm", "windy"])
-def test_flights_repeat_by_seed_to_the_bit(name):
-    of = j246_cases.case(name, SEED)
+def test_flights_repeat_by_seed_to_the_bit():
+    of = j246_cases.case("windy", SEED)
     first, second, other = (j246.fly(of.faults, seed, 2.0).columns for seed in (SEED, SEED, SEED + 1))
     assert all(np.array_equal(first[column], second[column]) for column in first)
     assert not np.array_equal(first["theta"], other["theta"])
-
-
-def test_turbulence_is_by_seed(calm):
-    winds = [j246.fly(j246.Faults(severity=6), seed, 2.0).truth["wind"] for seed in (SEED, SEED, SEED + 1)]
-    assert np.array_equal(winds[0], winds[1]) and not np.array_equal(winds[0], winds[2])
-    assert np.std(winds[0]) > 1e-3 > 1e3 * np.std(calm.truth["wind"])
 
 
 def test_what_is_written_is_read(tmp_path, calm):
@@ -132,6 +125,5 @@ def test_a_servo_in_either_form_has_the_same_verdict(tmp_path, name):
     assert first.verdict == second.verdict == ("consistent" if name == "calm" else first.verdict) != "unexplained"
 
 
-@pytest.mark.parametrize("name", j246_cases.CASES)
-def test_cases_and_their_sizes_are_by_seed(name):
-    assert j246_cases.case(name, SEED) == j246_cases.case(name, SEED)
+def test_cases_and_their_sizes_are_by_seed():
+    assert all(j246_cases.case(name, SEED) == j246_cases.case(name, SEED) for name in j246_cases.CASES)

@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from hidden import OTHER, PLAIN, QUIET, Spec, Weather, draw_spec, fly, hide
+from hidden import OTHER, QUIET, Spec, Weather, draw_spec, fly, hide
 from hidden.build import Build
-from hidden.weather import GRID, LAYER, dryden, first_order, polygon, turbulence, walk, wandering
+from hidden.weather import GRID, dryden, first_order
 
 from sim.effects import effect
 from sim.flight import fly_whole
@@ -35,35 +35,6 @@ def test_turbulence_has_its_level_and_its_correlation_from_the_first_instant(mak
         assert np.mean(gusts[:, 0] * gusts[:, k]) == pytest.approx(correlation(k * GRID), abs=5 / math.sqrt(DRAWS))
 
 
-def test_both_spectra_are_as_strong_where_they_are_slow():
-    """The integral times are the same: that of exp(-s/T) is T, that of exp(-s/(2T)) (1 - s/(4T)) too."""
-    s = np.linspace(0.0, 60.0, 200_001)
-    integral = np.trapezoid(np.exp(-s / 2.0) * (1.0 - s / 4.0), s)
-    assert integral == pytest.approx(1.0, rel=1e-6)
-
-
-def test_a_walk_s_variance_grows_with_time_and_the_polygon_goes_through_it():
-    steps = round(3.0 * LAYER / GRID) + 1
-    paths = drawn(walk, 0, steps)
-    for k in (steps // 3, steps - 1):
-        assert np.var(paths[:, k]) == pytest.approx(k * GRID, rel=5 * math.sqrt(2 / DRAWS))
-    white = np.random.default_rng(3).standard_normal(steps)
-    path, bent = walk(white), polygon(white)
-    layer = round(LAYER / GRID)
-    assert np.allclose(bent[::layer], path[::layer], atol=1e-12) and path[0] == bent[0] == 0.0
-    inside = np.delete(np.diff(bent, 2), np.arange(layer - 1, steps - 2, layer))
-    assert np.max(np.abs(inside)) < 1e-12 < np.max(np.abs(np.diff(bent, 2)))
-
-
-@pytest.mark.parametrize("variant", [PLAIN, OTHER])
-def test_levels_scale_the_same_draw(variant):
-    t = np.linspace(0.0, 20.0, 2001)
-    one, three = (turbulence(np.random.default_rng(1), level, 1.0, variant, t) for level in (0.001, 0.003))
-    assert np.allclose(3.0 * one, three)
-    one, three = (wandering(np.random.default_rng(1), level, variant, t) for level in (0.001, 0.003))
-    assert np.allclose(3.0 * one, three)
-
-
 # ---- the weather of a flight
 
 
@@ -76,12 +47,6 @@ def test_weather_leaves_every_draw_alone_and_a_calm_flight_its_bytes():
     same = [fly(draw_spec(5, "gust", duration=5.0, **given))[0] for given in ({}, {"wind": Weather()})]
     assert all(np.array_equal(same[0][name], same[1][name]) for name in COLUMNS)
     assert draw_spec(5, "gust") == dataclasses.replace(draw_spec(5, "gust", wind=Weather(0.005)), wind=Weather())
-
-
-def test_weather_is_no_cause():
-    flown, label = fly(Spec(seed=1, duration=2.0, wind=Weather(0.005, 0.002, initial=0.01)))
-    assert label.causes == () and label.unlisted == () and label.spec.wind.walk == 0.002
-    assert len(flown["t"]) == 200
 
 
 def test_wind_turns_vehicle_and_flight_path_as_in_the_project():

@@ -8,7 +8,7 @@ import pytest
 from launchid.cli.main import main
 from launchid.identification.windows import onboard_model, run
 from launchid.log.log import write_flight
-from launchid_core import Config, Estimator
+from launchid_core import Config
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
@@ -46,24 +46,9 @@ def test_a_5_hz_log_is_refused_in_one_line(tmp_path, capsys, command):
     assert said.count("\n") == 1 and "0.2 s apart" in said and "2.5 of the controller's periods" in said
 
 
-def test_missing_commands_widen_the_deviations():
-    """The samples are the same: the commands between them are declared missing, and declared held."""
-    nominal = load_nominal("constant")
-    flight = fly_whole(nominal, 3, "flight", 2 * PERIOD)
-    model = onboard_model(nominal)
-    held = dataclasses.replace(model, noise_period=2 * PERIOD,
-                               command_noise_std=model.command_noise_std / np.sqrt(2.0),
-                               acceleration_noise_std=model.acceleration_noise_std / np.sqrt(2.0))
-    wider, narrower = (np.array([e.k1_bound for e in run(config(2 * PERIOD, model=m, noise="declared"),
-                                                         flight.samples())[0]]) for m in (model, held))
-    assert len(wider) == len(narrower) == 14
-    assert np.isfinite(wider).all() and np.nanmedian(wider / narrower) > 1.05
-
-
-@pytest.mark.parametrize("name", ["constant", "vega_like"])
-def test_at_half_the_rate_intervals_cover(name):
+def test_at_half_the_rate_intervals_cover():
     """Windows of 5 s and the tracked estimate: 95 % intervals over four flights, within what 56 windows can tell."""
-    nominal = load_nominal(name)
+    nominal = load_nominal("vega_like")
     made = Config(window=5.0, sample_period=2 * PERIOD, formulation="filtered", model=onboard_model(nominal))
     scaled = []
     for seed in range(700, 704):
@@ -75,8 +60,7 @@ def test_at_half_the_rate_intervals_cover(name):
     assert np.mean(np.abs(scaled) < 1.96) > 0.88 and np.max(np.abs(scaled)) < 5.0
 
 
-@pytest.mark.parametrize("name", ["constant", "vega_like", "greensite_cr826"])
-@pytest.mark.parametrize("is_known", [True, False], ids=["servo known", "servo unknown"])
+@pytest.mark.parametrize(("name", "is_known"), [("constant", False), ("vega_like", True), ("greensite_cr826", False)])
 def test_a_clean_flight_at_half_the_rate_contradicts_no_model(name, is_known):
     """The commands between the samples are noise of their own, in the second half of a step."""
     nominal = load_nominal(name)
@@ -87,18 +71,3 @@ def test_a_clean_flight_at_half_the_rate_contradicts_no_model(name, is_known):
     statuses = [e.status.name for seed in range(700, 706)
                 for e in run(made, fly_whole(nominal, seed, "flight", 2 * PERIOD).samples())[0]]
     assert len(statuses) >= 80 and statuses.count("MODEL") <= 0.05 * len(statuses)
-
-
-def test_what_no_sample_holds_is_as_uncertain_as_the_command_changes_in_a_second():
-    """A command that stood still from one sample to the next is no surer than one that has just changed."""
-    nominal = load_nominal("constant")
-    samples = [s for s in fly_whole(nominal, 3, "flight", 2 * PERIOD).samples() if s.t < 12.0]
-    estimator = Estimator(config(2 * PERIOD))
-    for sample in samples:
-        estimator.update(sample)
-    squares = np.diff([s.beta_cmd for s in samples])**2
-    mean = squares[0]
-    for square in squares[1:]:
-        mean += 2 * PERIOD * (square - mean)
-    jump = estimator._parts.state.filter.jump[0]
-    assert jump == pytest.approx(mean, rel=0.05) and np.median(squares) < 0.7 * jump

@@ -25,9 +25,8 @@ from sim.flight import fly_whole, parameters
 from sim.nominal import load_nominal
 
 PERIOD = 0.01
-AGAIN = pytest.mark.campaign   # a repeat with other numbers
-autoregression, bandwidth, long_run, own_variance = map(unjitted, (
-    residual.autoregression, residual.bandwidth, residual.long_run, residual.own_variance))
+autoregression, bandwidth, long_run = map(unjitted, (
+    residual.autoregression, residual.bandwidth, residual.long_run))
 
 
 def numpy_lags(scores: np.ndarray) -> int:
@@ -95,15 +94,6 @@ def test_long_run_covariance_is_newey_and_west_s_with_andrews_bandwidth(rho):
     assert np.allclose(covariance, numpy_long_run(scores, lags) * 200 / 190, rtol=1e-12)
 
 
-def test_long_run_of_four_numbers_by_hand():
-    """1, 2, 3, 4: rho = (2 + 6 + 12)/(1 + 4 + 9) > 0.97, so L = n/2 = 2; 30 + 2*(2/3*20 + 1/3*11) = 64."""
-    assert own_variance(np.array([1.0, 2.0, 3.0, 4.0]), 4) == pytest.approx(64.0, rel=1e-14)
-
-
-def test_a_series_of_zeros_has_no_lags_and_no_variance():
-    assert bandwidth(*autoregression(np.zeros(9)), 9) == 0 and own_variance(np.zeros(9), 8) == 0.0
-
-
 def test_standard_deviations_are_those_of_the_solution_with_drifts_and_what_it_moves():
     rng = np.random.default_rng(3)
     rows = 200
@@ -138,7 +128,6 @@ def test_intervals_hold_under_autocorrelated_noise(rho):
 @pytest.mark.parametrize("name", ["constant", "vega_like"])
 @pytest.mark.parametrize("window", [1.0, 10.0])
 def test_intervals_of_clean_flights_hold(name, window):
-    """The share was 0.66 to 0.91 of 1 s windows, 0.00 to 0.24 of 10 s windows."""
     nominal, inside = load_nominal(name), []
     for seed in range(3):
         flight = fly_whole(nominal, seed)
@@ -182,19 +171,6 @@ def test_an_absent_term_has_a_limit_and_a6_its_standard_deviation():
     assert one(of(rows), equation(rows, np.zeros(rows))).absent == {}
 
 
-def test_the_limit_is_of_the_term_added_alone():
-    rows, rng = 200, np.random.default_rng(4)
-    samples = equation(rows, 0.05 * rng.standard_normal(rows), a6=0.1)
-    e = one(of(rows, library="theta,beta", threshold=0.5), samples)
-    table = np.array(samples)
-    inverse = np.linalg.pinv(table[:, [1, 3]])
-    xi = inverse @ table[:, 4]
-    score = (inverse[:1] * (table[:, 4] - table[:, [1, 3]] @ xi))
-    std = math.sqrt(numpy_long_run(score, numpy_lags(score))[0, 0] * rows / (rows - 2))
-    assert e.a6_std == pytest.approx(std, rel=1e-8)
-    assert e.absent["theta"] == pytest.approx(abs(xi[0]) + 1.96 * std, rel=1e-8)
-
-
 # ---- the log against a window
 
 
@@ -227,23 +203,21 @@ def statuses(log: Log, window: float | str, **choices) -> list[str]:
 
 
 @pytest.mark.parametrize("formulation", [None, "integral"])
-@pytest.mark.parametrize("window", [pytest.param(1.0, marks=AGAIN), 5.0])
-def test_a_clean_flight_keeps_its_windows(clean, window, formulation):
-    made = identify(clean, window=window, formulation=formulation).report
-    assert [w["status"] for w in made["windows"]].count("OK") >= 0.5 * len(made["windows"]) or window < 5.0
+def test_a_clean_flight_keeps_its_windows(clean, formulation):
+    made = identify(clean, window=5.0, formulation=formulation).report
+    assert [w["status"] for w in made["windows"]].count("OK") >= 0.5 * len(made["windows"])
     assert "MODEL" not in {w["status"] for w in made["windows"]} or formulation
     assert made["lacks"] == [] or formulation
 
 
-@pytest.mark.parametrize(("share", "window"), [(0.3, 1.0), (0.4, 5.0), *(
-    pytest.param(*each, marks=AGAIN) for each in ((0.3, 5.0), (0.4, 1.0), (0.5, 1.0), (0.5, 5.0)))])
+@pytest.mark.parametrize(("share", "window"), [(0.3, 1.0), (0.4, 5.0)])
 def test_a_shifted_beta_has_no_valid_k1(clean, share, window):
     made = identify(shifted(clean, share), window=window).report
     assert not any(w["valid"] for w in made["windows"]) and "why" in made
     assert all(w["k1"] is None for w in made["windows"])
 
 
-@pytest.mark.parametrize("rows", [0, 3, -4, pytest.param(-5, marks=AGAIN), pytest.param(12, marks=AGAIN)])
+@pytest.mark.parametrize("rows", [3, -5, 12])
 def test_a_beta_of_another_time_is_found_and_refused(clean, rows):
     """beta logged `rows` too early leads by as much more: 120 ms too soon, or after what it causes, which a missing
     damping looks like."""

@@ -68,12 +68,12 @@ HARMLESS = ("", "steady_wind:angle=0.03", "gust:angle=0.05,time=10,duration=6", 
             "periodic_disturbance:amplitude=0.01,frequency=5", "slosh:coupling=0.05,frequency=3.5")
 
 
-@pytest.mark.parametrize("columns", COLUMNS)
 @pytest.mark.parametrize("effect", HARMLESS)
 @pytest.mark.parametrize("name", BUILT_IN)
-def test_no_effect_of_the_vehicle_or_the_air_is_a_unit_or_a_sign(nominals, name, effect, columns):
-    for seed in (2, 3):
-        log = flown(nominals[name], seed, columns, effect=effect)
+def test_no_effect_of_the_vehicle_or_the_air_is_a_unit_or_a_sign(nominals, name, effect):
+    whole = flown(nominals[name], 2, effect=effect).measured()
+    for columns in COLUMNS.values():
+        log = log_of({column: whole[column] for column in columns})
         assert not kinds(log, nominals[name]) & set(COLUMN_FAULTS)
         assert not kinds(log, None) & set(COLUMN_FAULTS)
 
@@ -82,9 +82,8 @@ def test_no_effect_of_the_vehicle_or_the_air_is_a_unit_or_a_sign(nominals, name,
 def test_wind_and_offsets_are_no_unit_and_no_sign(nominals, name):
     windy = dataclasses.replace(nominals[name], wind=Wind(walk=0.02, turbulence=0.03),
                                 offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005, gyro_bias=0.002))
-    for seed in range(4):
-        for columns in COLUMNS:
-            assert not kinds(flown(windy, seed, columns), nominals[name])
+    for columns in COLUMNS:
+        assert not kinds(flown(windy, 0, columns), nominals[name])
 
 
 # ---- the commands
@@ -153,11 +152,6 @@ def test_fit_lft_refuses_a_foreign_column_and_fits_what_lost_a_stamp(capsys, wri
                "--strict")[0] == 3
 
 
-def test_times_in_milliseconds_without_a_nominal_are_recognised(capsys, written):
-    status, _, err = run(capsys, "identify", written / "late.csv")
-    assert status == 3 and len(err.splitlines()) == 1 and "milliseconds" in err and "divide it by 1000" in err
-
-
 def test_from_python_it_is_a_warning_or_an_error(nominals):
     log = flown(nominals["constant"], 1, "all", {"beta": -1.0, "beta_cmd": -1.0})
     with pytest.warns(launchid.DataWarning, match="opposite sign") as caught:
@@ -202,13 +196,12 @@ def test_built_in_profiles_cover_their_flights(name):
 
 
 SCALED = [("constant", "gyro_scale:scale=1.05", 1.05), *((name, "gyro_scale:scale=0.9", 0.9) for name in BUILT_IN)]
-UNSCALED = [(name, effect, None) for name in BUILT_IN for effect in (
+UNSCALED = [("vega_like", effect, None) for effect in (
     "", "gyro_delay:delay=0.02", "gyro_bias:rate=0.002", "attitude_delay:delay=0.03")]
 
 
 @pytest.mark.parametrize(("name", "effect", "scale"), [*SCALED, *UNSCALED])
 def test_a_gyro_whose_scale_is_not_the_attitude_s_is_told(name, effect, scale):
-    """A scale that is 5 % off put k1 46 standard deviations off, and valid, without a nominal."""
     log = flown_log(fly_whole(short(name), 3, effects=[from_text(effect)] if effect else []))
     said = [fault.message for fault in faults(log, None)]
     assert len(said) == (scale is not None)

@@ -3,23 +3,19 @@
 Flights of `public_flights`, a6 = 2 and k1 = -6, spoilt as loggers spoil them.
 """
 
-import ast
 import math
-from pathlib import Path
 
 import numpy as np
 import public_flights as flights
 import pytest
 
-import launchid
 from launchid.commands.identify import Identification, identify
-from launchid.log.check import CheckedLog, checked
+from launchid.log.check import checked
 from launchid.log.log import log_of
 from sim.errors import InputError
 
 Columns = dict[str, np.ndarray]
 MOST = 4.0     # standard deviations
-ROOT = Path(launchid.__file__).parent
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +40,6 @@ def is_ok(made: Identification) -> bool:
 @pytest.mark.parametrize(("tick", "period", "start"), [
     (0.008, 0.01, 0.0), (0.01, 0.012, 0.0), (1.0 / 128.0, 0.01, 1e5), (0.001, 1.0 / 300.0, 5.0), (0.1, 0.01, 0.0)])
 def test_stamps_within_their_resolution_of_a_grid_are_of_it(plain, tick, period, start):
-    """Every fourth step was a gap: OK, k1 -7.57 +- 0.26 for -6, and samples were said to be lost."""
     t = start + period * np.arange(len(plain["t"]))
     seen = checked(log_of(plain | {"t": np.round(tick * np.floor(t / tick + 1e-9), 6),
                                    "theta_dot": plain["theta_dot"] * 0.01 / period}))
@@ -79,13 +74,11 @@ def test_numbers_of_rounded_stamps_are_those_of_even_ones(plain):
 
 @pytest.mark.parametrize(("unit", "factor"), [("minutes", 60.0), ("hours", 3600.0)])
 def test_t_in_a_long_unit_is_refused_with_that_unit(plain, unit, factor):
-    """OK, a6 7211 in minutes."""
     with pytest.raises(InputError, match=f"looks like {unit}.*multiply it by {factor:g}"):
         checked(log_of(plain | {"t": plain["t"] / factor}))
 
 
 def test_an_attitude_in_counts_is_no_clock_in_hours(plain):
-    """A scale of 1/5700 was within 1.6 of that of hours."""
     counts = plain | {"theta": 5700.0 * plain["theta"]}
     assert "times the slope of theta" in " ".join(checked(log_of(counts)).warnings)
 
@@ -124,7 +117,6 @@ def spiked(columns: Columns) -> Columns:
     (overflowing, "theta_dot", 50), (spiked, "theta", 30)],
     ids=["zeros", "more zeros", "one stop", "overflow", "spikes"])
 def test_rows_at_fault_are_not_measured_and_the_numbers_hold(plain, spoil, channel, least):
-    """The data check told of them, and the fit used them: OK, 3 to 5 standard deviations off."""
     spoilt = log_of(spoil(plain))
     seen = checked(spoilt)
     gone = np.isfinite(getattr(spoilt, channel)) & ~np.isfinite(getattr(seen.log, channel))
@@ -138,7 +130,6 @@ def test_rows_at_fault_are_not_measured_and_the_numbers_hold(plain, spoil, chann
 
 
 def test_what_is_masked_is_not_measured(plain):
-    """The mask of numpy's arrays was ignored: what stood under it was data."""
     hidden = np.arange(len(plain["t"])) % 50 == 0
     beta = np.ma.masked_where(hidden, np.where(hidden, 9.0, plain["beta"]))
     made = identify(log_of(plain | {"beta": beta}), window="all")
@@ -146,18 +137,15 @@ def test_what_is_masked_is_not_measured(plain):
     assert is_ok(made) and off(made) < 3.0
 
 
-@pytest.mark.parametrize("share", [0.05, 0.15])
-def test_single_missing_cells_are_no_gaps(plain, share):
-    """OK 1.8 +- 1.7 and 1.1 +- 5.8."""
+def test_single_missing_cells_are_no_gaps(plain):
     rng = np.random.default_rng(2)
-    holed = plain | {name: np.where(rng.random(2000) < share, math.nan, plain[name]) for name in ("theta", "beta")}
+    holed = plain | {name: np.where(rng.random(2000) < 0.15, math.nan, plain[name]) for name in ("theta", "beta")}
     made, whole = (identify(log_of(columns), window="all").report["windows"][0] for columns in (holed, plain))
     assert made["status"] == "OK" and made["a6_std"] < 2.5 * whole["a6_std"]
     assert abs(made["a6"] - 2.0) < MOST * made["a6_std"] and abs(made["k1"] + 6.0) < MOST * made["k1_std"]
 
 
 def test_a_start_beyond_half_a_turn_has_its_whole_turns_taken_out(plain):
-    """A log that starts at a yaw of 359 degrees was a whole turn off."""
     seen = checked(log_of(plain | {"theta": plain["theta"] + 2.0 * math.pi - 0.02}))
     assert seen.log.theta == pytest.approx(plain["theta"] - 0.02) and "whole turn" in seen.notes[0]
     over = checked(log_of(plain | {"theta": (plain["theta"] + 2.0 * math.pi) % (2.0 * math.pi)}))
@@ -168,10 +156,8 @@ def test_a_start_beyond_half_a_turn_has_its_whole_turns_taken_out(plain):
 
 
 @pytest.mark.parametrize(("factor", "words"), [
-    (180.0 / math.pi, "alpha looks like degrees"), (-1.0, "alpha has the opposite sign"),
-    (-180.0 / math.pi, "alpha looks like degrees")])
+    (180.0 / math.pi, "alpha looks like degrees"), (-1.0, "alpha has the opposite sign")])
 def test_an_alpha_of_another_unit_or_sign_is_told_and_refused(factor, words):
-    """OK, a6 0.035 or -1.98 for 2, no word."""
     flight = flights.fly(20.0, drift=0.4)
     gamma = flight.pop("gamma")
     made = identify(log_of(flight | {"alpha": factor * (flight["theta"] - gamma)}), window="all")
@@ -183,23 +169,3 @@ def test_a_gamma_of_another_unit_is_refused_for_that():
     flight = flights.fly(20.0, drift=0.4)
     made = identify(log_of(flight | {"gamma": np.degrees(flight["gamma"])}), window="all")
     assert not any(w["valid"] for w in made.report["windows"]) and "gamma does not act" in made.report["next"]
-
-
-# ---- nobody takes another log
-
-
-def test_every_command_takes_the_checked_log():
-    """What reads the rows of a log, beside the rooms that make one, imports the check; nothing else seeks faults."""
-    makers = {"log", "convert", "watch", "diagnosis"}   # a stream and the diagnosis check rows
-    for path in sorted(ROOT.rglob("*.py")):
-        room = path.relative_to(ROOT).parts[0]
-        names = {alias.name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-                 if isinstance(node, ast.ImportFrom) and (node.module or "").endswith(
-                     ("log.detect", "log.channels", "log.stops", "log.stamps", "log.relations", "log.slope"))
-                 for alias in node.names}
-        assert room in makers or names <= {"ONE_MOTION", "usable_rows", "DataCheck"}, path
-    for name in ("identify", "margins", "uncertainty", "fit_lft"):
-        tree = ast.parse((ROOT / "commands" / f"{name}.py").read_text(encoding="utf-8"))
-        assert "checked" in {alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
-                             for alias in node.names}, name
-    assert isinstance(checked(log_of(flights.fly(2.0))), CheckedLog)

@@ -2,30 +2,13 @@
 
 import dataclasses
 import math
-import os
-import subprocess
-import sys
 import warnings
-from pathlib import Path
 
-import numpy as np
 import pytest
-from ported import as_text, built, filtered, flight, needs_compiler
 
 import launchid
-import launchid_core
-from launchid.cli.main import main
 from launchid.diagnosis.data.used import MOST
-from launchid.log.log import write_columns
-from sim.nominal import Nominal, load_nominal, write_nominal
-
-ROOT = Path(__file__).resolve().parents[3]
-
-
-def run(capsys, *words: object) -> tuple[int, str, str]:
-    capsys.readouterr()
-    status = main([str(word) for word in words])
-    return status, *capsys.readouterr()
+from sim.nominal import Nominal, load_nominal
 
 
 @pytest.fixture(scope="module")
@@ -36,79 +19,11 @@ def nominal() -> Nominal:
     return dataclasses.replace(found, simulation=dataclasses.replace(found.simulation, duration=20.0))
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory, nominal) -> Path:
-    """A flight in degrees, as an engineer's logger may write it, and its nominal."""
-    path = tmp_path_factory.mktemp("hostile")
-    write_nominal(nominal, path / "n.toml")
-    columns = launchid.simulate(nominal, seed=3).log.measured()
-    write_columns(path / "degrees.csv", {name: x if name == "t" else np.degrees(x) for name, x in columns.items()})
-    return path
-
-
-# ---- what is not what it seems
-
-
-@pytest.mark.parametrize("words", ["identify LOG --nominal N --window 5", "identify LOG --window 5",
-                                   "uncertainty LOG N --window 5"])
-def test_degrees_are_warned_of_and_refused_with_strict(folder, capsys, words):
-    """Degrees of every column cannot be seen without a nominal: then only the nominal could tell."""
-    given = words.replace("LOG", str(folder / "degrees.csv")).replace(" N", f" {folder / 'n.toml'}").split()
-    status, out, err = run(capsys, *given)
-    assert status == 0 and out
-    if "N" in words:
-        assert "degrees" in err and len(err.splitlines()) == 1
-        status, out, err = run(capsys, *given, "--strict")
-        assert (status, out) == (3, "") and "degrees" in err and len(err.splitlines()) == 1
-
-
-def test_fit_lft_refuses_degrees(folder, capsys):
-    """The command wrote a range of 9.5."""
-    status, out, err = run(capsys, "fit-lft", folder / "degrees.csv", folder / "n.toml", "--out", folder / "new.toml")
-    assert (status, out) == (3, "") and "degrees" in err and len(err.splitlines()) == 1
-    assert not (folder / "new.toml").exists()
-
-
-@needs_compiler
-def test_replay_refuses_a_csv_in_one_line(folder, tmp_path):
-    """`./replay < log.csv` printed nothing: other order, commas, a header."""
-    program = built(tmp_path, filtered(window=5.0))
-    rows = as_text(flight()[:20])
-    for text, sample in ((folder / "degrees.csv").read_text(), 1), (rows.replace(" ", ","), 1), (rows + "1 2 3\n", 21):
-        done = subprocess.run([str(program)], input=text, capture_output=True, text=True, timeout=60, check=False)
-        assert done.returncode == 1 and len(done.stderr.splitlines()) == 1
-        assert f"sample {sample}: expected seven numbers with blanks between, t theta theta_dot beta" in done.stderr
-    done = subprocess.run([str(program)], input=rows, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stderr) == (0, "") and len(done.stdout.splitlines()) == 21
-
-
-def test_the_version_is_said(capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["--version"])
-    assert ended.value.code == 0
-    assert capsys.readouterr().out == f"launchid {launchid.__version__}\n"
-    assert launchid.__version__ == launchid_core.__version__
-
-
-# ---- the terminal
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/fd") or os.name != "posix", reason="no pipes by name here")
-def test_a_reader_that_has_gone_is_no_traceback(folder):
-    """The command is `launchid identify LOG | head -1`."""
-    command = subprocess.Popen([sys.executable, "-m", "sim", "effects"], cwd=ROOT, stdout=subprocess.PIPE,
-                               stderr=subprocess.PIPE)
-    assert command.stdout is not None and command.stderr is not None
-    command.stdout.close()
-    assert command.stderr.read() == b"" and command.wait(300) in (0, 3)
-
-
 # ---- a log of the simulator itself, and one of a million rows
 
 
 @pytest.mark.campaign
 def test_the_truth_is_recognised_and_nothing_is_explained_by_it(nominal):
-    """The nominal's own noise-free flight was EXPLAINED by a size of 1 +- 1.9e-07, its `ideal` suite UNEXPLAINED."""
     quiet = dataclasses.replace(nominal, sensors=dataclasses.replace(
         nominal.sensors, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
     log = launchid.simulate(quiet, seed=3).log.measured()
@@ -123,7 +38,6 @@ def test_the_truth_is_recognised_and_nothing_is_explained_by_it(nominal):
 
 @pytest.mark.campaign
 def test_a_million_rows_are_diagnosed_and_it_is_said_which(nominal):
-    """A log of that size had no answer, and no warning."""
     assert nominal.simulation is not None
     period, once = 0.001, 1_000_000
     long = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=once * period))

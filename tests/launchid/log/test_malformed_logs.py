@@ -39,10 +39,6 @@ def test_what_cannot_be_read_is_this_line_and_status_3(tmp_path, capsys, case):
     assert list(tmp_path.iterdir()) == [log]
 
 
-def test_there_are_more_than_a_hundred():
-    assert len(MALFORMED) > 100
-
-
 # ---- what is no file
 
 

@@ -27,7 +27,7 @@ from sim.nominal import (
     rewrite_nominal,
     write_nominal,
 )
-from sim.nominal.rewriter import ANEW, statements
+from sim.nominal.rewriter import ANEW
 from sim.nominal.writer import content_of
 
 OWN = """\
@@ -179,17 +179,6 @@ def test_any_change_reads_back_and_keeps_every_comment(tmp_path_factory, before,
         left.remove(line)
 
 
-@given(st.sampled_from(BUILT_IN), st.data())
-def test_statements_are_the_whole_text(name, data):
-    text = built_in(name).read_text(encoding="utf-8")
-    cut = data.draw(st.integers(0, len(text)))
-    assert "".join(each.text for each in statements(text[:cut] + "\n# x\n")) in text[:cut] + "\n# x\n"
-    whole = list(statements(text))
-    assert "".join(each.text for each in whole) == text
-    assert {each.place[:1] for each in whole if each.is_header} == \
-        {(key,) for key, value in tomllib.loads(text).items() if isinstance(value, (dict, list))}
-
-
 # ---- forms that a file may have
 
 
@@ -221,14 +210,6 @@ def test_a_file_in_place_of_itself_and_profiles_by_their_way_from_the_new_folder
     assert not list(tmp_path.glob("*.csv"))
     text = own.read_text()
     assert rewritten(dataclasses.replace(nominal, test_input=SINES), own).startswith(text)
-
-
-def test_no_empty_diagnosis_and_none_of_ones_own_is_lost(own, tmp_path):
-    write_nominal(load_nominal(own), tmp_path / "plain.toml")
-    assert "[diagnosis]" not in (tmp_path / "plain.toml").read_text()
-    own.write_text(OWN + "[diagnosis]\ntolerance = 0.02  # as always\n")
-    nominal = dataclasses.replace(load_nominal(own), test_input=SINES)
-    assert "[diagnosis]\ntolerance = 0.02  # as always\n" in rewritten(nominal, tmp_path / "new.toml")
 
 
 def test_a_source_that_is_gone_is_written_anew_and_says_so(own, tmp_path):

@@ -8,14 +8,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from launchid.monte_carlo.campaign import ATTEMPTS, Job, draw_jobs, run_campaign, run_jobs
+from launchid.monte_carlo.campaign import ATTEMPTS, Job, draw_jobs, run_campaign
 from sim.errors import InputError, UsageError
 
 
@@ -101,15 +101,6 @@ def test_workers_and_chunks_change_no_bit(tmp_path, reference, workers, chunk):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["reference.csv", "t.csv"], "no journal left"
 
 
-def test_columns_that_only_some_rows_have_are_in_the_order_of_the_jobs(tmp_path):
-    def work(point: Point) -> dict[str, float]:
-        time.sleep(0.02 * (point.seed == 0))
-        return {"even": 1.0} if point.seed % 2 == 0 else {"odd": 1.0, "even": 2.0}
-    with ThreadPoolExecutor(4) as executor:
-        run_campaign(points(8), work, tmp_path / "t.csv", executor, workers=4, chunk=1)
-    assert (tmp_path / "t.csv").read_text().splitlines()[0] == "scenario,seed,delta,even,odd,error"
-
-
 def test_jobs_that_raise_are_rows_with_one_line(tmp_path):
     table = run_campaign(points(30), fail_at_three, tmp_path / "t.csv", workers=2)
     failed = [row for row in rows_of(table.path) if row["error"]]
@@ -117,30 +108,11 @@ def test_jobs_that_raise_are_rows_with_one_line(tmp_path):
     assert failed[0]["error"] == "ValueError: seed 3 is no good" and failed[0]["x"] == ""
 
 
-def test_a_row_of_something_else_is_a_failed_job(tmp_path):
-    with ThreadPoolExecutor(1) as executor:
-        run_campaign(points(1), lambda _: {"x": [1.0]}, tmp_path / "t.csv", executor)
-    assert rows_of(tmp_path / "t.csv")[0]["error"].startswith("TypeError: x = [1.0]")
-
-
 def test_a_seed_draws_the_same_delta_in_every_scenario_and_stays_in_the_box():
     box, loss = draw_jobs("constant", "box", range(300)), draw_jobs("constant", "k1-loss", range(300))
     assert [job[2:] for job in box] == [job[2:] for job in loss] and isinstance(box[0], Job)
     delta = np.array([job[3:] for job in box])
     assert np.all(np.abs(delta) <= 1.0) and np.all(np.abs(delta.mean(axis=0)) < 0.1)
-
-
-def test_few_futures_wait_however_long_the_campaign(tmp_path):
-    class Counting(ThreadPoolExecutor):
-        most = 0
-
-        def submit(self, *args, **kwargs):
-            Counting.most = max(Counting.most, self._work_queue.qsize())
-            return super().submit(*args, **kwargs)
-
-    with Counting(2) as executor:
-        run_campaign(points(400), draw, tmp_path / "t.csv", executor, workers=2, chunk=1)
-    assert 0 < Counting.most <= 6
 
 
 @pytest.mark.parametrize(("workers", "chunk"), [(1, 1), (2, 3), (3, 16)])
@@ -248,25 +220,6 @@ def test_torn_last_line_is_dropped(tmp_path, reference, torn):
     assert path.read_bytes() == reference
 
 
-@pytest.mark.parametrize("size", [0, 5])
-def test_journal_torn_in_its_first_line_starts_anew(tmp_path, reference, size):
-    (tmp_path / "t.csv.journal").write_bytes(b'["launchid'[:size])
-    with ThreadPoolExecutor(1) as executor:
-        run_campaign(points(50), draw, tmp_path / "t.csv", executor)
-    assert (tmp_path / "t.csv").read_bytes() == reference
-
-
-def test_jobs_that_stand_twice_in_the_journal_count_once(tmp_path, reference):
-    folder, path, journal = tmp_path / "marks", tmp_path / "t.csv", tmp_path / "t.csv.journal"
-    folder.mkdir()
-    interrupted(points(50), folder, path, 10)
-    last = journal.read_bytes().splitlines(keepends=True)[-1]
-    with journal.open("ab") as file:
-        file.write(last)
-    run_campaign(points(50), functools.partial(slow, folder), path, workers=2)
-    assert path.read_bytes() == reference
-
-
 @pytest.mark.parametrize("other", ["jobs", "work", "options"])
 def test_another_definition_is_refused(tmp_path, other):
     folder, path = tmp_path / "marks", tmp_path / "t.csv"
@@ -307,20 +260,6 @@ def test_a_job_that_always_kills_is_found_and_fails_alone(tmp_path):
     assert failed[0]["error"].startswith(f"WorkerDied: {ATTEMPTS} times")
 
 
-def test_a_given_executor_that_breaks_is_one_clear_error_and_another_continues(tmp_path, reference):
-    work = functools.partial(die_once, tmp_path)
-    with ProcessPoolExecutor(2) as executor, pytest.raises(UsageError, match="run again to continue"):
-        run_campaign(points(50), work, tmp_path / "t.csv", executor, workers=2, chunk=4)
-    with ProcessPoolExecutor(2) as executor:
-        run_campaign(points(50), work, tmp_path / "t.csv", executor, workers=2, chunk=4)
-    assert (tmp_path / "t.csv").read_bytes() == reference
-
-
-def test_work_that_cannot_travel_is_one_clear_error(tmp_path):
-    with pytest.raises(UsageError, match="cannot run the work"):
-        run_campaign(points(5), lambda point: {**draw(point)}, tmp_path / "t.csv", workers=1)
-
-
 # ---- an engine beyond one machine
 
 
@@ -333,6 +272,7 @@ def cluster() -> Iterator[object]:
         yield client
 
 
+@pytest.mark.campaign
 def test_dask_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path, reference, cluster):
     folder = tmp_path / "marks"
     folder.mkdir()
@@ -348,30 +288,3 @@ def test_dask_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(tmp_
                          workers=3, chunk=2, progress=progress)
     assert killed and len(pids) == 3
     assert table.path.read_bytes() == reference
-
-
-# ---- in memory
-
-
-def twice(point: Point) -> list[float]:
-    return [point.delta, 2.0 * point.delta]
-
-
-def refuse(point: Point) -> int:
-    raise ValueError(f"seed {point.seed}")
-
-
-@pytest.mark.parametrize(("workers", "chunk"), [(1, None), (2, 1), (3, 7)])
-def test_results_are_in_the_order_of_the_jobs_whatever_they_are(workers, chunk):
-    seen: list[int] = []
-    results = run_jobs(points(20), twice, workers=workers, chunk=chunk, progress=seen.append)
-    assert results == [twice(point) for point in points(20)] and sum(seen) == 20
-    assert run_jobs([], twice) == []
-
-
-def test_what_work_in_memory_raises_and_what_kills_it_is_one_clear_error(tmp_path):
-    with pytest.raises(UsageError, match=r"ValueError: seed \d"):
-        run_jobs(points(3), refuse, workers=1)
-    with pytest.raises(UsageError, match=f"seed=11.*WorkerDied: {ATTEMPTS} times"):
-        run_jobs(points(12), die_always, workers=2)
-    assert len(run_jobs(points(12), functools.partial(die_once, tmp_path), workers=2)) == 12

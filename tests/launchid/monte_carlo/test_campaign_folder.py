@@ -11,15 +11,12 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from launchid.cli.main import main
 from launchid.commands.campaign import campaign
-from launchid.monte_carlo import folder_lock
 from launchid.monte_carlo.folder_lock import LOCK, locked
 from launchid.monte_carlo.requirement.folder import CAMPAIGN, FLIGHTS, JOURNAL
-from sim.errors import InputError
 from sim.nominal import Nominal, Offsets, load_nominal, write_nominal
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -169,22 +166,6 @@ def test_a_table_that_stopped_ends_where_the_requirement_was_decided(place, flow
         assert made.report["results"][0]["decided_at"] == decided
 
 
-def test_a_removed_table_is_flown_anew_with_the_same_bytes(place, flown):
-    (place / "stopped" / FLIGHTS).unlink()
-    made = campaign(load_nominal(place / "n.toml"), out=place / "stopped", flights=N, requirement=ASKED, workers=1)
-    assert made.verdict == "met" and files(place / "stopped") == files(flown / "stopped")
-
-
-def test_a_merged_folder_is_judged_again_as_it_was(place):
-    nominal = load_nominal(place / "n.toml")
-    parts = [place / "next", place / "whole"]
-    made = campaign(nominal, out=place / "merged", merge=parts, requirement=ASKED)
-    before = files(place / "merged")
-    again = campaign(nominal, out=place / "merged", flights=2 * N, requirement=ASKED)
-    assert made.report == again.report and again.report["flown"] == 2 * N and files(place / "merged") == before
-    assert np.array_equal(again.columns()["seed"], np.arange(2 * N))
-
-
 # ---- damaged definitions and journals
 
 
@@ -253,38 +234,6 @@ def test_a_damaged_journal_is_one_line(place, capsys):
         assert files(place / "begun") == before, damage
 
 
-def test_a_journal_that_is_whole_goes_on_to_the_same_table(place, flown):
-    made = campaign(load_nominal(place / "n.toml"), out=place / "begun", flights=N, workers=1)
-    assert made.report["flown"] == N and files(place / "begun") == files(flown / "whole")
-
-
-# ---- parts
-
-
-def test_a_part_that_is_none(place, capsys, monkeypatch):
-    (place / "empty").mkdir()
-    monkeypatch.chdir(place / "empty")
-    for part in ("", "nowhere", "empty", "begun", "n.toml"):
-        name = part and str(place / part)
-        assert (name or CAMPAIGN) in refused(capsys, place, "--merge", str(place / "whole"), name,
-                                             "--out", str(place / "merged"))
-        assert not (place / "merged").exists(), part
-
-
-def test_a_part_s_definition_does_not_make_its_flights_others(place, capsys):
-    """Flights of the seeds 0 to 29, called those of 30 to 59: the vehicles are not drawn so."""
-    path = place / "whole" / CAMPAIGN
-    path.write_bytes(replaced("seed", N)(path.read_bytes()))
-    table = place / "whole" / FLIGHTS
-    assert "not the flight of seed 30" in refused(capsys, place, "--merge", str(place / "whole"), "--out",
-                                                  str(place / "merged"))
-    renamed = table.read_bytes().splitlines(keepends=True)
-    table.write_bytes(b"".join([renamed[0], *(b"%d," % (N + k) + row.split(b",", 1)[1] for k, row in
-                                              enumerate(renamed[1:]))]))
-    assert "line 2: not the flight of seed 30" in refused(capsys, place, "--merge", str(place / "whole"), "--out",
-                                                          str(place / "merged"))
-
-
 # ---- one run at a time
 
 
@@ -300,22 +249,6 @@ def test_a_folder_in_use_is_one_line_for_each_who_would_write(place, capsys):
                 "folder")
             assert files(place / name) == {**before, LOCK: b""}
         assert files(place / name) == before, "the lock's file goes with the run"
-
-
-def test_a_lock_that_stands_there_holds_nothing(place, flown):
-    (place / "begun" / LOCK).write_bytes(b"of a killed run")
-    campaign(load_nominal(place / "n.toml"), out=place / "begun", flights=N, workers=1)
-    assert files(place / "begun") == files(flown / "whole")
-
-
-@pytest.mark.skipif(os.name != "posix", reason="symbolic links, modes")
-def test_a_lock_that_cannot_be_taken_is_one_line(place, capsys):
-    lock = place / "whole" / LOCK
-    for make, unmake in ((lock.mkdir, lock.rmdir), (lambda: lock.symlink_to(place / "n.toml"), lock.unlink)):
-        make()
-        assert f"{LOCK}: cannot be written" in refused(capsys, place, *again(place, "whole"))
-        unmake()
-    assert (place / "n.toml").stat().st_size > 0
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -335,28 +268,3 @@ def test_a_second_run_is_refused_and_a_killed_one_leaves_no_lock(tmp_path, capsy
     made = campaign(nominal, out=tmp_path / "out", flights=150, workers=1, progress=seen.append)
     assert made.report["flown"] == 150 and seen[0] >= 10, "finished flights are kept"
     assert set(files(tmp_path / "out")) == {CAMPAIGN, FLIGHTS, "verdict.json"}
-
-
-def test_a_lock_s_file_that_is_taken_away_meanwhile_is_no_lock(tmp_path, monkeypatch):
-    """The lock's run has ended between the second's opening and locking it: the second locks the one that stands
-    there."""
-    lock = folder_lock._lock
-
-    def late(handle: int) -> None:
-        lock(handle)
-        if not taken:
-            taken.append((tmp_path / LOCK).unlink())
-
-    taken: list[None] = []
-    monkeypatch.setattr(folder_lock, "_lock", late)
-    with locked(tmp_path):
-        assert taken and (tmp_path / LOCK).exists()
-        with pytest.raises(InputError, match="another run"), locked(tmp_path):
-            pass
-
-
-def test_runs_one_after_another_all_get_the_lock(tmp_path):
-    for _ in range(200):
-        with locked(tmp_path), pytest.raises(InputError), locked(tmp_path):
-            pass
-    assert list(tmp_path.iterdir()) == []

@@ -16,16 +16,11 @@ import pytest
 import launchid
 from launchid.cli.main import main
 from launchid.commands.campaign import campaign, foreseen
-from launchid.monte_carlo.campaign import draw_jobs
-from launchid.monte_carlo.requirement import executor
-from launchid.monte_carlo.requirement.flight import FlightJob, Flyer, flight_jobs
-from launchid.monte_carlo.requirement.folder import read_flights
-from launchid.monte_carlo.requirement.identity import Definition, digest_of
+from launchid.monte_carlo.requirement.flight import Flyer, flight_jobs
 from launchid.monte_carlo.requirement.sequential import Sequential
-from sim.effects import effect
 from sim.errors import InputError, UsageError
 from sim.flight import dispersion, fly_whole
-from sim.nominal import Actuator, Nominal, Offsets, Profile, Sensors, Wind, load_nominal, write_nominal
+from sim.nominal import Nominal, Offsets, Profile, Sensors, Wind, load_nominal, write_nominal
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -60,40 +55,10 @@ def test_peaks_are_those_of_the_whole_flight_at_every_step(tmp_path):
     assert (row["lost"], row["end"]) == (0, 12.0)
 
 
-def test_a_first_order_servo_s_rate_and_an_effect_are_in_the_peaks(tmp_path):
-    """A steady wind is in the angle of attack; the rate of a first-order nozzle is its lag's."""
-    nominal = nominal_of(tmp_path, 4.0, actuator=Actuator(time_constant=0.05, deflection_limit=0.1),
-                         sensors=Sensors(0.01, 0.0, 0.0, 0.0),
-                         effects=(effect("steady_wind", angle=0.05),))
-    row = Flyer(nominal)(FlightJob(0, 0.0, 0.0))
-    flight = fly_whole(nominal, 0, period=0.002)
-    np.testing.assert_allclose(row["max_alpha"], np.max(np.abs(flight.theta + flight.wind)), rtol=1e-12)
-    rate = (flight.beta_cmd - flight.beta) / 0.05
-    np.testing.assert_allclose(row["max_beta_rate"], np.max(np.abs(rate)), rtol=0.1)
-
-
-def test_vehicles_are_drawn_as_every_campaign_draws_them(tmp_path):
-    nominal = nominal_of(tmp_path)
-    assert [job[1:] for job in flight_jobs(nominal, 5, 20)] == \
-        [job[3:] for job in draw_jobs("constant", "box", range(5, 25))]
-    same = dataclasses.replace(nominal, uncertainty=None)
-    assert flight_jobs(same, 5, 2) == [FlightJob(5, 0.0, 0.0), FlightJob(6, 0.0, 0.0)]
-    assert Flyer(same)(FlightJob(5, 0.0, 0.0)) == Flyer(nominal)(FlightJob(5, 0.0, 0.0))
-
-
 def unstable(folder: Path) -> Nominal:
     """A loop of which some vehicles of the box are lost within 3 s."""
     return nominal_of(folder, 3.0, vehicle=Profile(np.zeros(1), np.array([9.0]), np.array([-7.0])),
                       offsets=Offsets(attitude_bias=0.05))
-
-
-def test_lost_is_the_simulators(tmp_path):
-    nominal = unstable(tmp_path)
-    rows = [Flyer(nominal)(job) for job in flight_jobs(nominal, 0, 20)]
-    lost = [fly_whole(nominal, job.seed, a6_factor=dispersion(nominal, *job[1:])[0],
-                      k1_factor=dispersion(nominal, *job[1:])[1]).lost for job in flight_jobs(nominal, 0, 20)]
-    assert [bool(row["lost"]) for row in rows] == lost and 0 < sum(lost) < 20
-    assert all(row["end"] < 3.0 if row["lost"] else row["end"] == 3.0 for row in rows)
 
 
 # ---- a folder
@@ -189,30 +154,6 @@ def test_another_campaign_s_folder_is_refused(tmp_path, other):
     with pytest.raises(InputError, match="nominal_sha256"):
         campaign(nominal_of(tmp_path, 0.6), out=tmp_path / "out", flights=20)
     assert files(tmp_path / "out") == before
-
-
-def test_an_unrelated_table_is_not_taken_for_one(tmp_path):
-    nominal = nominal_of(tmp_path)
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "flights.csv").write_text("seed\n1\n")
-    with pytest.raises(InputError, match="expected a new folder"):
-        campaign(nominal, out=tmp_path / "out", flights=3)
-    (tmp_path / "t.csv").write_text("seed,error\n1,\n")
-    with pytest.raises(InputError, match="not a table of flights"):
-        read_flights(tmp_path / "t.csv", Definition(nominal, 1, 1, [], True))
-
-
-def test_what_a_campaign_is_is_what_is_flown(tmp_path):
-    nominal = nominal_of(tmp_path)
-    (tmp_path / "elsewhere").mkdir()
-    moved = nominal_of(tmp_path / "elsewhere", name="another")
-    assert digest_of(moved) == digest_of(nominal)
-    for part in (nominal_of(tmp_path, 0.502), nominal_of(tmp_path, offsets=Offsets(moment=1e-9)),
-                 nominal_of(tmp_path, effects=(effect("steady_wind", angle=0.01),)),
-                 nominal_of(tmp_path, effects=(effect("gyro_bias", rate=0.01),)),
-                 nominal_of(tmp_path, vehicle=Profile(np.zeros(1), np.array([np.nextafter(2.0, 3.0)]),
-                                                      np.array([-7.0])))):
-        assert digest_of(part) != digest_of(nominal)
 
 
 # ---- parts
@@ -313,19 +254,6 @@ def test_without_a_requirement_nothing_is_claimed(tmp_path, capsys):
     assert json.loads((tmp_path / "o" / "verdict.json").read_text())["verdict"] is None
 
 
-def test_without_matplotlib_the_picture_is_one_line(tmp_path, capsys, monkeypatch):
-    nominal_of(tmp_path)
-    for module in [name for name in sys.modules if name.split(".")[0] == "matplotlib" or name in
-                   ("sim.canvas", "launchid.figures.plots", "launchid.monte_carlo.requirement.figures")]:
-        monkeypatch.delitem(sys.modules, module)
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    words = ["campaign", str(tmp_path / "n.toml"), "--flights", "8", "--workers", "1", "--out", str(tmp_path / "o")]
-    assert main(words) == 0
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "no campaign.png" in line and "launchid[plots]" in line
-    assert set(files(tmp_path / "o")) == WHOLE
-
-
 def test_from_python_it_is_the_command(tmp_path, capsys):
     nominal_of(tmp_path)
     words = ["--flights", "30", "--requirement", "lost<0.1@0.9", "--workers", "1", "--seed", "4"]
@@ -351,17 +279,3 @@ def test_a_dask_scheduler_gives_the_same_bytes(tmp_path):
         campaign(nominal, out=tmp_path / "there", flights=500, requirement="lost<0.05@0.9",
                  executor=f"dask:{made.scheduler_address}")
     assert files(tmp_path / "here") == files(tmp_path / "there")
-
-
-def test_without_distributed_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UsageError, match=r"launchid\[cluster\]"):
-        campaign(nominal_of(tmp_path), out=tmp_path / "out", flights=3, executor="dask:tcp://127.0.0.1:9")
-
-
-def test_no_scheduler_is_one_line(tmp_path, monkeypatch):
-    pytest.importorskip("distributed", reason="distributed (extra `cluster`) is not installed")
-    monkeypatch.setattr(executor, "PATIENCE", 0.3)
-    with pytest.raises(UsageError, match="no scheduler answers there"):
-        campaign(nominal_of(tmp_path), out=tmp_path / "out", flights=3, executor="dask:tcp://127.0.0.1:9")
-    assert not (tmp_path / "out").exists()

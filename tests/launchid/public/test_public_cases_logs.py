@@ -58,7 +58,6 @@ UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9, "row numb
 
 @pytest.mark.parametrize("unit", UNITS)
 def test_a_t_in_another_unit_is_said_with_that_unit_by_every_command(plain, tmp_path, capsys, unit):
-    """Milliseconds gave OK, 0.0020 +- 0.0000093; row numbers were degrees; `nominal` ran for two minutes."""
     path = tmp_path / "log.csv"
     write_columns(path, times(plain, t=UNITS[unit]))
     for command in (["identify", path], ["identify", path, "--strict"], ["nominal", path, "--out", tmp_path / "n.toml"],
@@ -93,11 +92,6 @@ def test_a_nominal_of_another_rate_does_not_make_seconds_milliseconds(plain):
         faults(log_of({name: plain[name] for name in ("t", "theta", "beta")}), wrong)
 
 
-def test_a_first_nominal_without_theta_dot_refuses_milliseconds_too(plain):
-    with pytest.raises(InputError, match="milliseconds"):
-        first(log_of(times({name: plain[name] for name in ("t", "theta", "beta")}, t=1e3)))
-
-
 # ---- order and origin
 
 
@@ -117,7 +111,6 @@ def test_a_clock_that_is_reset_once_is_not_out_of_order(plain):
 
 
 def test_an_origin_far_from_the_profile_s_is_said_and_strict_refuses_it():
-    """15 of 16 windows were MODEL, and wind was to be declared."""
     nominal = short("vega_like")
     log = flown_log(fly_whole(nominal, 1))
     assert faults(log, nominal) == ()
@@ -136,10 +129,8 @@ def test_an_origin_far_from_the_profile_s_is_said_and_strict_refuses_it():
 
 @pytest.mark.parametrize("columns", [("theta", "theta_dot", "beta", "beta_cmd"),
                                      ("theta", "theta_dot", "beta", "beta_cmd", "theta_ref"), ("theta", "beta")])
-@pytest.mark.parametrize("period", [0.01, 0.02])
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize(("name", "period"), [*zip(BUILT_IN, (0.01, 0.02, 0.02), strict=True)])
 def test_all_angles_in_degrees_are_told_as_all(name, period, columns):
-    """There was no warning at 50 Hz; with theta_ref there was one of it alone, and wind was to be declared."""
     nominal = short(name, period=period)
     log = flown_log(fly_whole(nominal, 2)).measured()
     said = faults(log_of({"t": log["t"], **{column: log[column] / DEGREE for column in columns}}), nominal)
@@ -196,7 +187,6 @@ def of_two_devices(plain: Columns) -> Columns:
 
 @pytest.mark.parametrize("case", ["rolling", "two devices"])
 def test_no_window_of_a_body_that_turns_about_other_axes_is_valid(plain, case):
-    """One window was OK: a6 -0.00021 +- 0.00043; `nominal` said k1 5.56e+06 +- 2.4e+07."""
     log = log_of(rolling(math.radians(40.0)) if case == "rolling" else of_two_devices(plain))
     answer = identify(log, window=4.0)
     assert {w["status"] for w in answer.report["windows"]} == {"MODEL"}
@@ -234,30 +224,12 @@ def test_whole_turns_that_a_logger_took_off_are_no_other_motion():
 @pytest.mark.parametrize("period", [0.005, 0.01, 0.02, 0.05])
 def test_clean_flights_raise_nothing(name, period):
     nominal = short(name)
-    for seed in (1, 2, 3):
-        log = flown_log(fly_whole(nominal, seed, period=period))
-        assert faults(log, nominal) == () and faults(log, None) == ()
-        assert faults(log_of(log.measured() | {"t": log.t + 1.75e9}), None) == ()
+    log = flown_log(fly_whole(nominal, 1, period=period))
+    assert faults(log, nominal) == () and faults(log, None) == ()
+    assert faults(log_of(log.measured() | {"t": log.t + 1.75e9}), None) == ()
 
 
 # ---- true reasons
-
-
-def test_beta_in_microseconds_is_refused_for_its_range_with_the_count_of_rows(plain):
-    """The message was "expected a longer log"."""
-    log = log_of(plain | {"beta": 1500.0 + 400.0 * plain["beta"]})
-    said = identify(log, window=8.0)
-    assert "beta is beyond 1000 rad in 2000 of 2000 rows" in said.summary() and "longer" not in said.summary()
-    assert "2000 of 2000 rows" in said.report["why"]
-
-
-def test_a_first_row_without_beta_does_not_make_the_whole_log_too_short(plain):
-    whole, cut = ({name: x.copy() for name, x in plain.items()} for _ in range(2))
-    whole["beta"][0] = math.nan
-    cut = {name: x[1:] for name, x in cut.items()}
-    one, other = (identify(log_of(columns), window="all").report["windows"][0] for columns in (whole, cut))
-    assert one["status"] == "OK" and one["a6"] == pytest.approx(other["a6"], rel=1e-9)
-    assert abs(one["a6"] - 2.0) < 4.0 * one["a6_std"] and abs(one["k1"] + 6.0) < 4.0 * one["k1_std"]
 
 
 @pytest.mark.parametrize("nominal", [None, "constant"])
@@ -266,15 +238,6 @@ def test_a_log_in_which_nothing_moves_says_which_columns(nominal):
     log = log_of({"t": t, "theta": np.zeros(2000), "theta_dot": np.zeros(2000), "beta": np.zeros(2000)})
     said = identify(log, load_nominal(nominal) if nominal else None, window=5.0).report["why"]
     assert "theta, beta, theta_dot never change in 2000 rows" in said or "theta, theta_dot, beta never change" in said
-
-
-def test_a_servo_far_faster_than_a_row_flies(tmp_path):
-    """The vehicle was LOST in its first row at 60,000 rad/s and steps of 1 ms."""
-    nominal = short("constant", 5.0)
-    assert nominal.actuator is not None
-    fast = dataclasses.replace(nominal, actuator=dataclasses.replace(nominal.actuator, natural_frequency=60000.0))
-    flown = simulate(fast, seed=1)
-    assert not flown.flight.lost and np.max(np.abs(flown.flight.theta)) < 0.2
 
 
 def test_an_effect_that_begins_after_the_flight_and_rows_that_are_too_far_apart_are_said():
@@ -290,7 +253,6 @@ def test_an_effect_that_begins_after_the_flight_and_rows_that_are_too_far_apart_
 
 
 def test_a_flight_is_fitted_once_and_few_say_so(tmp_path, capsys):
-    """One file three times was "range of 3 flights"; one flight had 100 % inside."""
     nominal = short("constant", 40.0)
     logs: list[Log] = []
     for seed in (1, 2, 3):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import launchid
-from launchid.controller_replay import Replay, replay, resolution, rms
+from launchid.controller_replay import Replay, replay, rms
 from launchid.onboard import onboard_model
 from launchid.robustness.loops import loops, plants_of
 from launchid.robustness.margin_spread import NAMES, margin_table
@@ -101,12 +101,6 @@ def test_the_rounding_of_a_columns_digits_is_no_other_controller():
     columns["theta"] = np.round(columns["theta"], 4)
     other = replayed(columns)
     assert all(other.contradicts(other.judged(t, t + 5.0)) for t in range(0, 30, 5))
-
-
-def test_the_resolution_is_that_of_the_last_decimal():
-    x = np.random.default_rng(0).normal(size=200)
-    assert resolution(np.round(x, 3)) == 1e-3 and resolution(x) == 0.0
-    assert resolution(np.array([0.0, 0.1] * 50)) == 0.0    # two values are no rounding
 
 
 @pytest.mark.parametrize(("period", "drop", "why"), [

@@ -14,14 +14,12 @@ from hypothesis import strategies as hs
 from unjitted import unjitted
 
 from launchid.cli.main import main
-from launchid.experiments import confidence
 from launchid.identification.windows import onboard_model, run
-from launchid.log.log import read_log
-from launchid.robustness.level import departures, log_span, ranged_model, report
+from launchid.robustness.level import departures, ranged_model, report
 from launchid_core import BANDS, EDGES, Config, Estimate, Estimator, Model, Sample, Status
 from launchid_core.order.table import GAUGE
 from launchid_core.watch import uncertainty as un
-from launchid_core.watch.changes import E_TIME, EVENTS, MAX_EVENTS, N_COUNTS, N_EVENT
+from launchid_core.watch.changes import MAX_EVENTS, N_COUNTS, N_EVENT
 from sim.flight import fly_whole
 from sim.nominal import Nominal, built_in, load_nominal
 
@@ -80,15 +78,6 @@ def test_a_band_is_decided_at_95_percent_and_out_wants_the_alarm(delta, std):
 # ---- the alarm
 
 
-def test_no_information_raises_no_alarm_however_small_sigma():
-    """The prior's 0.5 is 500 sigma: |delta| > 1 is nearly certain, but neither side is."""
-    gauge = Range(sigma=0.001)
-    assert not gauge.see(1.0, 0.0, 500.0)
-    assert not gauge.see(1.0, 300.0, 500.0)
-    assert gauge.gauge.probability[0, un.OUT] > 0.99
-    assert gauge.gauge.band[0] == un.NO_BAND
-
-
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_the_alarm_is_raised_at_its_posterior_on_either_side(sign):
     z = 3.7190  # of un.RAISE
@@ -105,37 +94,6 @@ def test_the_alarm_clears_with_hysteresis():
     assert not gauge.see(4.0, 0.95, 0.1)
     assert math.isnan(gauge.gauge.since[0])
     assert not gauge.see(5.0, 1.2, 0.1)   # and is not raised again by what would not have raised it
-
-
-def test_it_began_with_the_first_sample_if_the_parameter_was_never_known_inside():
-    gauge = Range()
-    assert not gauge.see(3.0, 0.2, 2.0)
-    assert gauge.see(7.0, 1.6, 0.1)
-    assert gauge.gauge.since[0] == 0.0
-
-
-def test_it_began_when_delta_crossed_the_edge_for_the_last_time():
-    gauge = Range()
-    for t, delta in ((1.0, 0.2), (2.0, 1.05), (3.0, 0.97), (4.0, 1.1), (5.0, 1.2)):
-        assert not gauge.see(t, delta, 0.1)
-    assert gauge.see(6.0, 1.6, 0.1)
-    assert gauge.gauge.since[0] == 4.0
-
-
-def test_it_began_with_the_sudden_change_that_took_it_out():
-    gauge = Range()
-    assert not gauge.see(1.0, 0.2, 0.1)
-    gauge.counts[EVENTS], gauge.event[0, E_TIME] = 1, 1.4
-    assert gauge.see(2.0, 1.8, 0.1)
-    assert gauge.gauge.since[0] == 1.4
-
-
-def test_what_is_not_finite_changes_nothing():
-    gauge = Range()
-    before = [array.copy() for array in gauge.gauge]
-    unjitted(un.watch_range)(gauge.range, gauge.gauge, np.full(5, NAN), 0.0, 0.0, gauge.counts, gauge.event)
-    for array, old in zip(gauge.gauge, before, strict=True):
-        np.testing.assert_array_equal(array, old)
 
 
 # ---- the estimator
@@ -180,14 +138,6 @@ def test_a_model_without_sigma_has_no_level_and_the_same_estimates(constant):
     assert all(e.uncertainty is None for e in plain)
     assert [e.tracked for e in plain] == [e.tracked for e in ranged]
     assert 0 < having.nbytes - without.nbytes < 500
-
-
-def test_a_sigma_over_time_is_read_at_the_windows_end(constant):
-    flight = fly_whole(constant, 3, a6_factor=1.1)
-    model = dataclasses.replace(ranged_model(constant), sigma_t=(0.0, 20.0), sigma_a6=(0.1, 0.3), sigma_k1=(0.2, 0.2))
-    for e in feed(model, flight)[0]:
-        sigma = 0.1 + 0.01 * e.t_end
-        assert e.uncertainty.a6.delta == pytest.approx((e.tracked.a6 / 2.0 - 1.0) / sigma, abs=1e-9)
 
 
 def test_before_anything_is_known_no_number_is_given(constant):
@@ -276,15 +226,6 @@ def test_the_json_is_the_contracts(launchid, folder):
     assert again == out
 
 
-def test_the_terminal_names_another_factor(launchid, folder, tmp_path):
-    status, out, _ = launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--json", tmp_path / "u.json")
-    assert status == 0 and "a6 is out of its range since 0.00 s (alarm by " in out
-    assert "something other than dispersion acts, such as a fault or wind" in out
-    assert json.loads((tmp_path / "u.json").read_text(encoding="utf-8"))["windows"]
-    status, out, _ = launchid("uncertainty", folder / "in.csv", folder / "n.toml", "--window", "2")
-    assert status == 0 and "something other than dispersion" not in out and len(out.splitlines()) == 1 + 1 + 7 + 1
-
-
 @pytest.mark.parametrize(("nominal", "mentions"), [
     ("none.toml", ("[uncertainty]", "none.toml")), ("zero.toml", ("uncertainty.k1", "above 0")),
     ("short.toml", ("short.csv", "[uncertainty]", "0..9 s")), ("late.toml", ("late.csv", "[vehicle]", "3..90 s"))])
@@ -294,37 +235,9 @@ def test_bad_input_is_one_line_and_exit_3(launchid, folder, nominal, mentions):
     assert err.startswith("launchid") and all(mention in err for mention in mentions), err
 
 
-def test_wrong_words_are_exit_2(launchid, folder):
-    for words in (("--window", "0"), ("--window", "x"), ("--window", "nan"), ("--plot", "x.doc")):
-        status, _, err = launchid("uncertainty", folder / "in.csv", folder / "n.toml", *words)
-        assert status == 2 and len(err.splitlines()) == 1, err
-
-
-def test_bad_stamps_are_data(launchid, folder, tmp_path):
-    lines = (folder / "in.csv").read_text(encoding="utf-8").splitlines()
-    for row, stamp in ((200, "1e6"), (400, "-5"), (401, "nan"), (600, "2.0"), (601, "2.0"), (900, "inf")):
-        lines[row] = ",".join([stamp, *lines[row].split(",")[1:]])
-    del lines[700:720]
-    (tmp_path / "bad.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    (tmp_path / "n.toml").write_text((folder / "short.toml").read_text(encoding="utf-8"), encoding="utf-8")
-    (tmp_path / "short.csv").write_text("t,a6,k1\n0,0.2,0.2\n14,0.2,0.2\n", encoding="utf-8")
-    assert log_span(read_log(tmp_path / "bad.csv")) == (0.0, 13.99)
-    status, out, _ = launchid("uncertainty", tmp_path / "bad.csv", tmp_path / "n.toml", "--json", "-")
-    assert status == 0 and json.loads(out)["windows"]
-
-
 def test_the_figure_is_drawn(launchid, folder, tmp_path):
     pytest.importorskip("matplotlib")
     for name in ("a.png", "b.png"):
         assert launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--plot", tmp_path / name)[0] == 0
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes() != b""
     assert report([]) == {"windows": []}
-
-
-def test_the_summary_of_the_confidence_range_is_of_valid_estimates():
-    """A window in which the model did not hold has no half-width: the medians of `reproduce` were nan."""
-    rows = np.tile(np.array([40.0, 2.0, -7.0, 0.02, 0.07, 2.01, -7.0, 0.0, 0.0, 0.1, 0.1, 1.0]), (5, 1))
-    rows[2, 1:5] = np.nan
-    made = confidence.summary("constant", [confidence.Band((0.0, 0.0), False, rows)])
-    assert made["coverage"] == 1.0 and made["half_width_a6"] == pytest.approx(confidence.INTERVAL * 0.02 / 2.01)
-    assert made["half_width_k1"] == pytest.approx(confidence.INTERVAL * 0.01)

@@ -1,6 +1,5 @@
 """`launchid watch`: identify's numbers while rows come, from files, pipes and sockets, on a page that costs nothing."""
 
-import dataclasses
 import functools
 import http.client
 import itertools
@@ -24,12 +23,11 @@ from launchid.cli.main import main
 from launchid.identification.windows import onboard_model
 from launchid.log.log import flown_log, read_log
 from launchid.watch.follower import LAST_WINDOWS, Follower
-from launchid.watch.lines import LONGEST, ORDER, SAID, Lines
-from launchid.watch.live import MOST_POINTS, MOST_WINDOWS, POINT, WINDOW, Live, Series, message
-from launchid.watch.rate import PERIOD_ROWS
-from launchid.watch.server import FRAME, MOST_PAGES, PAGE, Server
-from launchid.watch.session import Watched, follow, watch
-from launchid.watch.sources import IDLE, Source, open_source
+from launchid.watch.lines import LONGEST, Lines
+from launchid.watch.live import MOST_POINTS, MOST_WINDOWS, POINT, WINDOW, Live, message
+from launchid.watch.server import MOST_PAGES, PAGE, Server
+from launchid.watch.session import Watched, watch
+from launchid.watch.sources import Source, open_source
 from launchid_core import Config, Estimator, Status
 from launchid_core.watch.tracker import STEADY, WALK
 from sim.errors import InputError, UsageError
@@ -197,27 +195,6 @@ def test_looking_changes_no_bit(folder, nominal, identified):
     assert found["windows"] == identified["windows"] and found["changes"] == identified["changes"]
 
 
-def test_the_page_is_told_the_report_s_numbers(folder, nominal, identified):
-    follower = Follower("log", nominal, window=1.0)
-    follow(open_source(str(folder / "flight.csv"), once=True), Lines("log", True, print), follower)
-    follower.tick("ended")
-    told, _ = message(follower.live, None)
-    for row, window in zip(told["windows"], identified["windows"], strict=True):
-        shown = dict(zip(WINDOW, row, strict=True))
-        assert same(shown, {name: window[name] for name in WINDOW}, 1e-6)
-    points = {row[0]: dict(zip(POINT, row, strict=True)) for row in told["points"]}
-    for window in identified["windows"][1:-1]:   # a window closes with its last row, and points stand 0.1 s apart
-        near = points[min(points, key=lambda t: abs(t - window["t_end"]))]
-        for name in ("a6", "k1", "a6_std", "k1_std", "wind", "wind_std"):
-            of = window if name.startswith("wind") else window["tracked"]
-            assert abs(near[name] - of[name]) <= 0.2 * of[name if name.endswith("_std") else f"{name}_std"] + 1e-12
-    now = told["now"]
-    assert same(now["tracked"], identified["windows"][-1]["tracked"], 1e-6)
-    assert same(told["changes"], identified["changes"], 1e-6)
-    assert now["rows"] == now["accepted"] == 1200 and now["level"]["k1"]["in_range"] is False
-    assert told["head"]["has_wind"] and told["head"]["curve"]["k1_half"] == [1.75]
-
-
 def drifting(seed: int, duration: float) -> dict[str, Callable]:
     """Factors of a6 and k1 that move as the steady member of the tracker believes, from a deviation within 20 %."""
     rng, nodes = np.random.default_rng((411, seed)), np.arange(0.0, duration + 0.1, 0.1)
@@ -378,29 +355,10 @@ def test_tcp_senders_one_after_another(folder, nominal, identified):
     assert any("cut short" in line for line in session.said)
 
 
-def test_a_stream_without_header_is_in_the_samples_order(folder, nominal, identified):
-    log = read_log(folder / "flight.csv")
-    source = open_source("tcp:0", once=True)
-    session = Session(source, nominal)
-    with socket.create_connection(("127.0.0.1", port_of(source))) as sender:
-        for row in zip(*(getattr(log, name) for name in ORDER[:6]), strict=True):
-            sender.sendall((",".join(repr(float(x)) for x in row) + "\n").encode())
-    assert same({name: session.result().report[name] for name in identified}, identified, 1e-9)
-    assert any(",".join(ORDER[:6]) in line for line in session.said)
-
-
 @pytest.mark.parametrize("text", ["udp:", "udp:x", "tcp:65536", "tcp:-1", "udp:1e3", "udp:\u0661"])
 def test_a_port_that_is_none(text):
     with pytest.raises(UsageError, match=r"expected (udp|tcp):PORT"):
         open_source(text, once=False)
-
-
-def test_a_port_that_is_taken(nominal):
-    source = open_source("tcp:0", once=True)
-    with pytest.raises(UsageError, match="cannot listen there"):
-        open_source(source.name, once=True)
-    with pytest.raises(UsageError, match="--http"):
-        Server(Live({}), port_of(source))
 
 
 @pytest.mark.parametrize(("words", "status"), [
@@ -432,51 +390,6 @@ def test_malformed_rows_are_said_with_their_number_and_counted(folder, nominal, 
     assert numbers == [at + 1 + k for k, at in enumerate(sorted(bad))] and "\n" not in "".join(lines)
 
 
-def test_warnings_of_a_stream_of_nonsense_end():
-    said: list[str] = []
-    lines = Lines("udp:1", False, said.append)
-    assert list(lines.logs(b"nonsense\n" * 1000)) == []
-    assert lines.malformed == 1000 and len(said) == SAID + 1
-
-
-def test_a_refused_header_of_a_socket_takes_no_rows_under_another_name():
-    said: list[str] = []
-    lines = Lines("tcp:1", False, said.append)
-    assert list(lines.logs(b"t,theta\n0,1\n0.1,2,3,4\n")) == [] and lines.malformed == 3
-    (log,) = lines.logs(b"t,theta,beta\n0.2,1,2\n")
-    assert (log.t.tolist(), log.beta.tolist()) == ([0.2], [2.0])
-
-
-def test_a_page_hears_of_the_end_of_a_session_without_a_row(nominal, tmp_path):
-    (tmp_path / "log.csv").write_bytes(b"t,theta,beta\n")
-    source = open_source(str(tmp_path / "log.csv"), once=False)
-    session = Session(source, nominal)
-    page = Listener(session.port)
-    Session.until(lambda: page.last.get("now", {}).get("state") == "waiting")
-    source._once = True
-    with pytest.raises(InputError, match="no usable row"):
-        session.result()
-    page.end()
-    assert page.last["now"]["state"] == "ended"
-
-
-def test_a_refused_header_of_a_file_is_its_end(nominal, tmp_path):
-    for text, said in (("t,theta\n0,1\n", "'beta' is missing"), ("0,1\n", "2 cells and no header row")):
-        (tmp_path / "log.csv").write_text(text)
-        with pytest.raises(InputError, match=said):
-            Session(open_source(str(tmp_path / "log.csv"), once=True), nominal).result()
-
-
-def test_columns_are_those_of_a_log():
-    """alpha becomes gamma, others are ignored with a notice, a byte order mark and CRLF are none of a name."""
-    said: list[str] = []
-    lines = Lines("log", True, said.append)
-    (log,) = lines.logs(b"\xef\xbb\xbfbeta, alpha ,t,theta,note\r\n1,2,3,5,x\r\n\r\n")
-    assert [s for s in said if "note" in s] and log.path == "log"
-    (sample,) = log.samples()
-    assert (sample.t, sample.theta, sample.beta, sample.gamma) == (3.0, 5.0, 1.0, 3.0)
-
-
 def test_the_data_check_of_the_first_rows(folder, nominal, tmp_path):
     """A log in degrees is said while it runs, not only at its end."""
     header, *rows = rows_of(folder / "flight.csv")
@@ -489,42 +402,6 @@ def test_the_data_check_of_the_first_rows(folder, nominal, tmp_path):
 
 
 # ---- memory and time
-
-
-def test_a_series_is_thinned_and_keeps_the_whole_time():
-    series = Series(8)
-    for k in range(1000):
-        series.add((k,) if series.is_due() else None)
-        assert len(series.rows) < 8
-        assert [row[0] for row in series.rows] == list(range(0, k + 1, series.stride))[:len(series.rows)]
-    assert series.rows[0] == (0,) and series.rows[-1][0] >= 1000 - 2 * series.stride
-
-
-def test_a_message_adds_up_to_everything_whatever_was_missed():
-    live = Live({"source": "x"})
-    live.points, live.windows = Series(16), Series(8)
-    told, seen = message(live, None)
-    shown: dict[str, list] = {"points": [], "windows": []}
-    for k in range(500):
-        live.points.add((k,))
-        if k % 5 == 0:
-            live.windows.add((k,))
-        if k % 7 == 0 or k == 499:
-            told, seen = message(live, seen)
-            shown = {name: told[name] if "head" in told else before + told[name] for name, before in shown.items()}
-            assert shown == {"points": live.points.rows, "windows": live.windows.rows}
-
-
-def test_stamps_of_any_origin_stay_apart(folder, nominal):
-    """Seconds since 1980 have ten digits before the point."""
-    log = read_log(folder / "flight.csv")
-    follower = Follower("log", nominal)
-    follower.take(dataclasses.replace(log, t=log.t + 1.4e9))
-    follower.tick("ended")
-    told, _ = message(follower.live, None)
-    assert [row[0] for row in told["windows"]] == [1.4e9 + k for k in range(12)]
-    assert len({row[0] for row in told["points"]}) == len(told["points"]) >= 109
-    assert told["changes"][0]["t"] == pytest.approx(1.4e9 + 7.0, abs=0.2, rel=0.0)
 
 
 def test_memory_does_not_grow(folder, nominal):
@@ -541,22 +418,6 @@ def test_memory_does_not_grow(folder, nominal):
     most = len(json.dumps({"points": [[-1.234567e-05] * len(POINT)] * MOST_POINTS,
                            "windows": [[-1.234567e-05] * len(WINDOW)] * MOST_WINDOWS}))
     assert most < 400_000, "bytes of the longest message"
-
-
-def test_the_period_is_that_of_the_first_rows_however_they_come(nominal):
-    """One at a time, in pieces, or with everything behind them: the same period, and no row is lost."""
-    rows = [b"%.4f,0,0,0\n" % (k / 100 + 0.002 * (k % 3 == 1)) for k in range(3 * PERIOD_ROWS)]
-    found = []
-    for size in (1, 7, PERIOD_ROWS, 3 * PERIOD_ROWS):
-        follower, lines = Follower("log", nominal), Lines("log", False, lambda text: None)
-        for k in range(0, len(rows), size):
-            for log in lines.logs(b"".join(rows[k:k + size])):
-                follower.take(log)
-            assert (follower.estimator is None) == (k + size < PERIOD_ROWS)
-        follower.end()
-        found.append((follower.estimator.config.sample_period, follower.report()))
-        assert sum((found[-1][1]["samples"]["accepted"], *found[-1][1]["samples"]["rejected"].values())) == len(rows)
-    assert all(each == found[0] for each in found[1:]) and found[0][0] == pytest.approx(0.01, abs=0.001)
 
 
 def test_pages_that_never_read_do_not_delay_the_estimator(folder, nominal):
@@ -595,6 +456,14 @@ def server() -> Iterator[Server]:
     made.server_close()
 
 
+def test_a_port_that_is_taken(nominal):
+    source = open_source("tcp:0", once=True)
+    with pytest.raises(UsageError, match="cannot listen there"):
+        open_source(source.name, once=True)
+    with pytest.raises(UsageError, match="--http"):
+        Server(Live({}), port_of(source))
+
+
 def test_the_page_and_its_headers(server):
     status, headers, body = asked(server.server_address[1], "/")
     assert status == 200 and headers["Content-Type"] == "text/html; charset=utf-8"
@@ -605,15 +474,6 @@ def test_the_page_and_its_headers(server):
     assert re.findall(r"(?:src|href)=\"(?!data:)", body) == [], "nothing from elsewhere"
     assert re.findall(r"\S+://\S+", body) == ["https://github.com/leeoniya/uPlot"], "in a comment: who made it"
     assert asked(server.server_address[1], "/", "HEAD")[::2] == (200, "")
-
-
-def test_other_paths_methods_and_names(server):
-    port = server.server_address[1]
-    assert asked(port, "/../launchid/cli/main.py")[0] == asked(port, "/page.html")[0] == 404
-    assert asked(port, "/", "POST")[0] == 501
-    assert asked(port, "/state", host="evil.example:80")[0] == 403, "a name turned to this address"
-    assert asked(port, "/state", host=f"localhost:{port}")[0] == 200
-    assert json.loads(asked(port, "/state?x=1")[2])["now"]["state"] == "waiting"
 
 
 def test_it_listens_on_the_loopback_only(server):
@@ -743,7 +603,3 @@ def zoomed(server: Server, folder: Path) -> None:
     assert spans[0] == pytest.approx([low + 0.25 * (high - low), low + 0.75 * (high - low)], abs=0.1)
     assert len({each for each in times if "\u00b1" not in each}) == 1
     assert float(times[0]) == pytest.approx(0.5 * (low + high), abs=0.1)
-
-
-def test_it_looks_as_often_as_it_tells_and_tells_at_most_twenty_times_a_second():
-    assert IDLE <= FRAME == 0.05  # s that the server sleeps after a message

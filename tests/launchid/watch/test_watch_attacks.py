@@ -5,7 +5,6 @@ import contextlib
 import http.client
 import itertools
 import math
-import os
 import resource
 import socket
 import sys
@@ -24,7 +23,7 @@ from launchid.watch.lines import LONGEST, LONGEST_SAID, SAID, Lines
 from launchid.watch.live import Live
 from launchid.watch.rate import PERIOD_ROWS
 from launchid.watch.server import MOST_CONNECTIONS, MOST_PAGES, Server
-from launchid.watch.sources import MOST_SENDERS, is_readable, open_source
+from launchid.watch.sources import MOST_SENDERS, open_source
 from sim.flight import fly
 from sim.nominal import Nominal, load_nominal
 
@@ -156,25 +155,6 @@ def test_requests_that_hold_make_no_more_threads_than_there_may_be(n, first):
         server.end()
 
 
-def test_any_descriptor_and_any_file_can_be_waited_for(tmp_path, many_descriptors):
-    held = [os.open(os.devnull, os.O_RDONLY) for _ in range(1100)]
-    try:
-        reader, writer = os.pipe()
-        assert reader > 1023 and not is_readable(reader, 0.0)
-        os.write(writer, b"x")
-        assert is_readable(reader, 0.0)
-        os.close(writer)
-        os.read(reader, 1)
-        assert is_readable(reader, 0.0), "the end is there to be read"
-        os.close(reader)
-        (tmp_path / "log.csv").write_bytes(b"x")
-        with (tmp_path / "log.csv").open("rb") as file:
-            assert is_readable(file.fileno(), 0.0), "standard input may be a file"
-    finally:
-        for each in held:
-            os.close(each)
-
-
 # ---- the first rows
 
 
@@ -210,65 +190,7 @@ def test_it_begins_whatever_came_before(nominal, rows, quiet):
         assert is_right(follower.live.now, quiet), (name, follower.live.now, quiet)
 
 
-def test_it_begins_among_rows_of_a_nonsense_sender(nominal, rows, quiet):
-    """Row by row one more that no estimator takes: NaN, equal, out of range, each time another, unreadable."""
-    for other in (b"nan,0,0,0,0\n", b"1e300,0,0,0,0\n", b"0,0,0,0,0\n", b"9K0e10,0,0,0,0\n", b"POST / HTTP/1.1\n"):
-        mixed = [row + other.replace(b"K", b"%d" % k) for k, row in enumerate(rows)]
-        follower = followed(nominal, HEADER, *mixed)
-        assert follower.live.now["tracked"]["a6"] == pytest.approx(quiet["a6"], rel=1e-6), other
-        assert follower.estimator.config.sample_period == pytest.approx(0.01, rel=1e-6), other
-
-
-def test_nonsense_by_udp_then_a_flight(nominal, rows, quiet):
-    source = open_source("udp:0", once=True)
-    session = Session(source, nominal)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for first in (b"t,beta,theta\n1,2,3", HEADER, FIRST["equal"], FIRST["NaN"], FIRST["a second apart"],
-                      os.urandom(60_000), HEADER):
-            sender.sendto(first, ("127.0.0.1", port_of(source)))
-        session.until(lambda: session.state()["now"].get("rows", 0) >= 1 + 64 + 200 + 64)
-        before = session.state()["now"]["rows"]
-        assert session.state()["now"]["state"] == "waiting" and len(session.state()["now"]["notes"]) == 1
-        for k in range(0, len(rows), 50):
-            sender.sendto(b"".join(rows[k:k + 50]), ("127.0.0.1", port_of(source)))
-            session.until(lambda k=k: session.state()["now"]["rows"] >= before + k)  # type: ignore[misc]
-        sender.sendto(b"", ("127.0.0.1", port_of(source)))
-    made = session.result()
-    assert made.report["rows"]["read"] == before + len(rows) and made.report["rows"]["malformed"] > 0
-    last = made.report["windows"][-1]["tracked"]
-    assert is_right({"tracked": last}, quiet)
-
-
-def test_a_rate_that_a_window_was_found_with_is_kept(nominal, rows, quiet):
-    """Rows at another rate, after the flight, begin nothing anew."""
-    follower = followed(nominal, HEADER, *rows, stamped([SECONDS + 0.02 * k for k in range(200)]))
-    assert follower.estimator.config.sample_period == pytest.approx(0.01, rel=1e-6)
-    assert follower.report()["samples"]["accepted"] == len(rows) + 200
-
-
-def test_the_data_check_is_of_the_rows_after_the_last_header(nominal, rows):
-    """One row under another header does not keep it waiting: beta of the other sign is said."""
-    turned = [b",".join([*cells[:3], repr(-float(cells[3])).encode(), repr(-float(cells[4])).encode()]) + b"\n"
-              for cells in (row.split(b",") for row in rows)]
-    for first in (b"", b"t,theta,beta,gamma\n0,0,0,0\n"):
-        follower = followed(nominal, first, HEADER, *turned)
-        assert [note for note in follower._notes if "the data check" in note and "beta" in note], first
-
-
-def test_rates_that_come_and_go_are_said_once(nominal):
-    """Each 64 rows another, slower than the controller, as fast, and none that can be used."""
-    follower, lines, begun = Follower("udp:1", nominal, window=5.0), Lines("udp:1", False, lambda text: None), set()
-    for k in range(30):
-        step = (0.02, 0.01, 3.0)[k % 3]
-        for log in lines.logs((HEADER if k == 0 else b"") + stamped([1000.0 * k + step * row for row in range(64)])):
-            follower.take(log)
-        assert follower.estimator is not None
-        begun.add(round(follower.estimator.config.sample_period, 6))
-    assert begun == {0.01, 0.02} and len(follower._notes) == len(set(follower._notes)) <= 3
-
-
 def test_rows_that_say_no_rate_take_no_memory_and_no_time(nominal):
-    """A window of 100 s at a microsecond were 9 GB."""
     follower, lines = Follower("udp:1", nominal, window=100.0), Lines("udp:1", False, lambda text: None)
     assert list(lines.logs(HEADER)) == []
     for row, alone in ((b"nan,0,0,0,0\n", MOST_WAITING + 100), (b"1,0,0,0,0\n", 100)):
@@ -375,14 +297,6 @@ def test_no_request_of_a_browser_is_rows(nominal, rows, quiet):
     assert len(said) == 1 and "a connection that sent HTTP" in said[0]
 
 
-def test_columns_with_blanks_and_slashes_are_no_request(nominal, rows):
-    for header in (b"t,theta,beta,T /K\n", b"theta /rad,t,theta,beta\n", b"GET,t,theta,beta\n", b"t , theta,beta,x\n"):
-        source = open_source("tcp:0", once=True)
-        session = Session(source, nominal)
-        send(port_of(source), header, *(b",".join(row.split(b",")[:4]) + b"\n" for row in rows[:70]))
-        assert session.result().report["rows"]["read"] == 70, header
-
-
 def test_a_page_of_another_origin_is_told_nothing(nominal):
     server = Server(Live({"source": "x"}), 0)
     port = server.server_address[1]
@@ -428,15 +342,4 @@ def test_a_sender_that_says_nothing_more_gives_way_to_one_that_does(nominal, row
                 session.until(lambda: session.state()["now"].get("rows") == len(rows))
                 assert len(source._waiting) <= MOST_SENDERS + 1
                 source._once = True
-    assert session.result().report["rows"] == {"read": len(rows), "malformed": 0}
-
-
-def test_a_first_line_in_pieces_is_a_line(nominal, rows):
-    source = open_source("tcp:0", once=True)
-    session = Session(source, nominal)
-    with socket.create_connection(("127.0.0.1", port_of(source))) as sender:
-        for k in range(len(HEADER)):
-            sender.sendall(HEADER[k:k + 1])
-            time.sleep(0.002)
-        sender.sendall(b"".join(rows))
     assert session.result().report["rows"] == {"read": len(rows), "malformed": 0}

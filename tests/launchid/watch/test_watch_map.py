@@ -141,13 +141,6 @@ def test_a_header_that_the_map_does_not_know_is_one_line(folder, text, mention):
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_two_clocks_are_refused(folder, tmp_path):
-    (tmp_path / "two.toml").write_text(TURNS + 'time = "other"\n')
-    lines = Lines("x", True, print, load_map(tmp_path / "two.toml"))
-    with pytest.raises(InputError, match=r"the clocks other, stamp.*launchid convert"):
-        list(lines.logs(b"stamp,other,qw,qx,qy,qz,nozzle\n"))
-
-
 def test_rows_that_the_map_cannot_take_are_left_out_and_counted(folder):
     lines = Lines("x", False, lambda text: None, load_map(folder / "turns.toml"))
     header = b"stamp,qw,qx,qy,qz,nozzle\n"
