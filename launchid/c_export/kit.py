@@ -7,7 +7,7 @@ from .program import c_files, template
 from .vectors import Flight, header
 from .wrappers import wrappers
 
-PLAIN = ("example.c", "Makefile", "target.c", "target.ld")  # the same for every configuration
+PLAIN = ("example.c", "eva.c", "Makefile", "target.c", "target.ld")  # the same for every configuration
 
 
 def exported(config: Config, flights: list[Flight]) -> dict[str, str]:
