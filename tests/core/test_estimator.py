@@ -21,6 +21,7 @@ from launchid_core import FORMULATIONS, SOLVERS, Config, Estimate, EstimateStatu
 from launchid_core.gate import ring as rb
 from launchid_core.order.entries import entries_of
 from sim.nominal import load_nominal
+from sim.sections import Offsets, Wind
 
 NAN, INF = math.nan, math.inf
 JIT = not numba.config.DISABLE_JIT
@@ -550,10 +551,14 @@ def flown(estimator: Estimator, samples: np.ndarray) -> int:
     ("measured", "quadratic", "stls"), ("difference", "lpv", "sr3"), ("difference", "quadratic+sin", "ssr"),
     ("measured", "linear", "lasso"), ("integral", "quadratic", "stls"), ("integral", "linear", "sr3"),
     ("filtered", "rigid-body", "stls"), ("filtered", "quadratic", "stls"), ("ranged", "rigid-body", "stls"),
+    ("wind", "rigid-body", "stls"),
     pytest.param("ranged", "quadratic", "stls", marks=pytest.mark.campaign)])  # a build of its own: 15 s
 def test_a_flight_allocates_nothing(allocations, formulation, library, solver):
-    rows, filtered = 32, formulation in ("filtered", "ranged")
-    model = onboard_model(load_nominal("constant"))
+    rows, filtered, nominal = 32, formulation in ("filtered", "ranged", "wind"), load_nominal("constant")
+    if formulation == "wind":
+        nominal = dataclasses.replace(nominal, wind=Wind(walk=0.005, turbulence=0.005),
+                                      offsets=Offsets(thrust_misalignment=0.004, gyro_bias=1e-3))
+    model = onboard_model(nominal)
     if formulation == "ranged":
         model = dataclasses.replace(model, sigma_t=(0.0,), sigma_a6=(0.25,), sigma_k1=(0.25,))
     config = config_of("filtered" if filtered else formulation, rows, library=library, solver=solver,

@@ -19,8 +19,6 @@ from sim.nominal import load_nominal
 
 begins_anew, is_outlier, start_segment = map(unjitted, (pr.begins_anew, pr.is_outlier, pr.start_segment))
 
-CHANNELS = ("theta", "theta_dot", "beta")
-
 
 def config(nominal=None, **choices) -> Config:
     model = onboard_model(nominal or load_nominal("constant"))
@@ -50,10 +48,6 @@ def flown(samples, of: Config | None = None) -> Estimator:
     for sample in samples:
         estimator.update(sample)
     return estimator
-
-
-def noted(estimator: Estimator) -> tuple[int, int]:
-    return estimator.counts["OUTLIER"], estimator.counts["RESTART"]
 
 
 # ---- a measurement is left out
@@ -86,22 +80,6 @@ def test_so_many_outliers_in_a_row_are_0_05_s_at_every_rate_and_five_at_least(ch
     assert begins_anew(belief, fil, 1.0 + 1.0 / rate, 1.0)
 
 
-def test_a_gap_in_flight_is_one_restart(samples):
-    assert noted(flown(samples[:250] + samples[280:])) == (0, 1)
-    assert flown(samples[:250] + samples[280:300]).estimate().gaps == 1
-    assert flown(samples[:250] + samples[280:400]).estimate().gaps == 0  # the next window has none
-    assert noted(flown(samples[:250] + samples[280:400] + samples[402:])) == (0, 2)
-
-
-@pytest.mark.parametrize("channel", CHANNELS)
-@pytest.mark.parametrize(("row", "restarts"), [(4, 0), (5, 1)])
-def test_five_outliers_in_a_row_restart_the_filter(samples, channel, row, restarts):
-    hit = list(samples)
-    for at in range(250, 250 + row):
-        hit[at] = hit[at]._replace(**{channel: getattr(hit[at], channel) + 0.2})
-    assert noted(flown(hit)) == (row, restarts)
-
-
 # ---- noise levels
 
 
@@ -119,13 +97,6 @@ def test_a_noise_declared_five_times_too_small_is_followed_in_cut_steps(samples)
 
 
 # ---- a window, and what is reported
-
-
-def test_a_window_of_too_few_samples_is_short_or_has_a_gap(samples):
-    """Every third sample is 34 of 100, fewer than half: SHORT where that is no gap, GAP where it is."""
-    for max_gap, status in ((0.05, "SHORT"), (0.015, "GAP")):
-        estimate = flown(samples[:300:3], config(max_gap=max_gap)).estimate()
-        assert not estimate.valid and estimate.status.name == status and math.isnan(estimate.a6)
 
 
 @pytest.mark.parametrize(("share", "known"), [(0.99, 1), (1.01, 0), (math.nan, 0)])

@@ -3,15 +3,13 @@
 import dataclasses
 import functools
 import math
-from importlib import import_module
 from statistics import NormalDist
 
 import numba
 import numpy as np
 import pytest
 from cut import cut_of
-from numba.core.runtime import _nrt_python, rtsys
-from unjitted import unjitted, unjitted_packages
+from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model, run
 from launchid_core import Config, Estimate, Estimator, Model, Status
@@ -35,7 +33,6 @@ from sim.nominal import Drift, Nominal, Offsets, Wind, load_nominal
 
 linalg = pytest.importorskip("scipy.linalg")
 
-JIT = not numba.config.DISABLE_JIT
 PERIOD = 0.01
 CALM = load_nominal("constant")
 WINDY = dataclasses.replace(
@@ -595,43 +592,3 @@ def flown(estimator: Estimator, samples: np.ndarray) -> int:
         at, code = take_rows(samples, at)
         closed += int(code == rb.WINDOW_COMPLETE)
     return closed
-
-
-@pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: numba's runtime allocates nothing to count")
-def test_a_flight_in_wind_allocates_nothing():
-    """The positive control of this count is in test_estimator."""
-    estimator = Estimator(config(window=1.0))
-    samples = np.array(list(windy_flight(0).samples())[:6000])
-    samples[:, 0] = PERIOD * np.arange(len(samples))
-    rtsys.initialize(numba.core.registry.cpu_target.target_context)
-    _nrt_python.memsys_enable_stats()
-    made = []
-    for n in (1, 5, 60):
-        estimator.reset()
-        before = rtsys.get_allocation_stats().alloc
-        assert flown(estimator, samples[:100 * n]) == n
-        made.append(rtsys.get_allocation_stats().alloc - before)
-    assert made[1] == made[2]
-    assert not math.isnan(estimator.estimate().wind)
-
-
-def told() -> list:
-    """Everything of a second of flight in wind, by the packages that are imported now."""
-    core, onboard = map(import_module, ("launchid_core", "launchid.onboard"))
-    estimator = core.Estimator(core.Config(window=0.5, formulation="filtered", model=onboard.onboard_model(WINDY)))
-    for sample in list(windy_flight(2).samples())[600:700]:
-        estimator.update(core.Sample(*sample))
-    fil, estimate = estimator._parts.state.filter, estimator.estimate()
-    numbers = [estimate.a6_bound, estimate.k1_bound, estimate.wind, estimate.wind_std, estimate.whiteness,
-               estimate.condition, *(x for pair in estimate.offsets.values() for x in pair)]
-    return [estimate.status.name, fil.note.tolist(), numbers, fil.x, fil.p, fil.s, fil.level]
-
-
-@pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: nothing is compiled")
-def test_the_same_without_the_compiler():
-    compiled = told()
-    with unjitted_packages():
-        written = told()
-    assert compiled[:2] == written[:2]
-    for one, two in zip(compiled[2:], written[2:], strict=True):
-        assert np.allclose(one, two, rtol=1e-12, atol=1e-12 * np.max(np.abs(one)), equal_nan=True)

@@ -6,7 +6,6 @@ import math
 import control
 import numpy as np
 import pytest
-from every import every
 from scipy.signal import bilinear, lfilter
 from unjitted import unjitted
 
@@ -193,7 +192,6 @@ theta_std = 0.0
 theta_dot_std = 0.0
 beta_std = 0.0
 """
-PD = "[controller]\nkp = 1\nkd = 0.5\nderivative_time_constant = 0.05\nperiod = 0.01\n"
 PI = '[controller]\nlaw = "rate"\nkp = 1\nperiod = 0.01\n'
 
 
@@ -215,45 +213,6 @@ damping_ratio = 0.7
     controller = load_nominal(tmp_path / "n.toml").controller
     assert controller.filters == (NOTCH, Section((0.5, 0.0, 0.0), (1.0, -0.5, 0.0)), LOWPASS)
     assert (controller.ki, controller.kd, controller.is_rate_law) == (0.5, 0.0, True)
-
-
-def filter_of(text: str) -> str:
-    return f"{PD}[[controller.filters]]\n{text}"
-
-
-@every(("text", "expected"), [
-    ("[actuator]\nnatural_frequency = 50", "key 'actuator.damping_ratio' is missing; expected natural_frequency and"),
-    ("[actuator]\ndelay = 0", "is missing; expected natural_frequency and damping_ratio, or time_constant"),
-    ("[actuator]\nnatural_frequency = 50\ntime_constant = 0.1", "[actuator] has time_constant and natural_frequency"),
-    ("[actuator]\ndamping_ratio = 0.7\ntime_constant = 0.1", "[actuator] has time_constant and damping_ratio"),
-    ("[actuator]\ntime_constant = 0", "actuator.time_constant = 0: expected a number above 0"),
-    (PD + "ki = 1", "key 'controller.ki' is not of law \"attitude\""),
-    (PI + "kd = 1", "key 'controller.kd' is not of law \"rate\""),
-    (PI + "derivative_time_constant = 1", "key 'controller.derivative_time_constant' is not of law \"rate\""),
-    (PD + 'law = "magic"', "controller.law = 'magic': expected \"attitude\" or \"rate\""),
-    (PD + "law = 3", "controller.law = 3"), (PI + "ki = '1'", "controller.ki = '1'"),
-    ("[controller]\nkp = 1\nperiod = 0.01", "key 'controller.derivative_time_constant' is missing"),
-    (PI + "[guidance]\nt = [0, 1]", "key 'guidance.theta_ref' is missing"),
-    (PD + "[guidance]\nt = [0, 1]\nrate_ref = [0, 1]", "key 'guidance.theta_ref' is missing"),
-    (PI + "[guidance]\nt = [0, 1]\nrate_ref = [0, 1, 2]", "guidance.rate_ref 3"),
-    (PD + "filters = 3", "controller.filters = 3: expected [[controller.filters]] tables"),
-    (PD + "filters = [3]", "controller.filters[0] = 3"),
-    (filter_of("b = [1, 0, 0]"), "'controller.filters[0].a' is missing"),
-    (filter_of("b = [1, 0]\na = [1, 0, 0]"), "controller.filters[0].b = [1.0, 0.0]: expected three numbers"),
-    (filter_of("b = [1, 0, 0]\na = [2, 0, 0]"), "controller.filters[0].a = [2.0, 0.0, 0.0]: expected 1 as the first"),
-    (filter_of("b = [1, 0, '0']\na = [1, 0, 0]"), "controller.filters[0].b[2] = '0'"),
-    (filter_of("b = [1, 0, 0]\na = [1, 0, 0]\ngain = 1"), "unknown key 'controller.filters[0].gain'"),
-    (filter_of("kind = 'comb'"), "controller.filters[0].kind = 'comb': expected \"notch\" or \"lowpass\""),
-    (filter_of("kind = 'lowpass'\nfrequency = 60"), "'controller.filters[0].damping_ratio' is missing"),
-    (filter_of("kind = 'lowpass'\nfrequency = 400\ndamping_ratio = 1"), "controller.filters[0].frequency = 400"),
-    (filter_of("kind = 'lowpass'\nfrequency = 0\ndamping_ratio = 1"), "controller.filters[0].frequency = 0"),
-    (filter_of("kind = 'lowpass'\nfrequency = 60\ndamping_ratio = -1"), "controller.filters[0].damping_ratio = -1")])
-def test_wrong_key_is_named(tmp_path, text, expected):
-    path = tmp_path / "n.toml"
-    path.write_text(f"{LAUNCHER}{text}\n")
-    with pytest.raises(InputError) as caught:
-        load_nominal(path)
-    assert expected in str(caught.value) and len(str(caught.value).splitlines()) == 1
 
 
 # ---- commands

@@ -1,6 +1,5 @@
 """The simulator: its integration, loop and sensors against plain Python, and nominal files that cannot be used."""
 
-import copy
 import dataclasses
 import itertools
 import math
@@ -9,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from every import every
 from hypothesis import given
 from hypothesis import strategies as hs
 from unjitted import unjitted, unjitted_module
@@ -307,89 +305,11 @@ def refused(path: Path, text: str | bytes) -> str:
     return message
 
 
-def edited(section: str, key: str, value: object) -> str:
-    table = copy.deepcopy(CONSTANT)
-    table.setdefault(section, {})[key] = value
-    return toml_of(table)
-
-
-NUMBERS = [(section, key) for section in SECTIONS for key, value in CONSTANT[section].items()
-           if not isinstance(value, list)]
-OPTIONAL = {("actuator", "delay"), ("actuator", "command_noise_std"), ("actuator", "deflection_limit"),
-            ("simulation", "step"), ("simulation", "acceleration_noise_std")}
-EXTRA = [("actuator", "delay"), ("sensors", "theta_step"), ("sensors", "theta_dot_step"), ("sensors", "beta_step"),
-         ("diagnosis", "tolerance")]
-SIGNED = {("vehicle", "a6"), ("vehicle", "k1"), ("controller", "kp"), ("controller", "kd")}
-POSITIVE = {("actuator", "natural_frequency"), ("actuator", "deflection_limit"), ("controller", "period"),
-            ("sensors", "period"), ("simulation", "step"), ("simulation", "duration"), ("uncertainty", "a6"),
-            ("uncertainty", "k1")}
-
-
-@every(("section", "key"), NUMBERS + EXTRA)
-@every("value", ["2.0", True, math.nan, math.inf, [1.0], -1.0, 0.0])
-def test_wrong_number_is_named(tmp_path, section, key, value):
-    place = (section, key)
-    fine = (value == -1.0 and place in SIGNED) or (value == 0.0 and place not in POSITIVE)
-    path = tmp_path / "nominal.toml"
-    if fine and not isinstance(value, (bool, str, list)):
-        path.write_text(edited(section, key, value))
-        assert load_nominal(path).name == "constant"
-        return
-    message = refused(path, edited(section, key, value))
-    assert f"{section}.{key}" in message
-    assert repr(value) in message
-    assert "expected a number" in message
-
-
-@every(("section", "key"), [*NUMBERS, ("guidance", "t"), ("guidance", "theta_ref")])
-def test_missing_key_is_named_unless_it_has_a_default(tmp_path, section, key):
-    table = copy.deepcopy(CONSTANT)
-    del table[section][key]
-    path = tmp_path / "nominal.toml"
-    if (section, key) in OPTIONAL:
-        path.write_text(toml_of(table))
-        assert load_nominal(path).name == "constant"
-    else:
-        assert f"'{section}.{key}' is missing" in refused(path, toml_of(table))
-
-
-@pytest.mark.parametrize("section", ["actuator", "controller", "guidance", "simulation"])
-def test_section_that_a_flight_needs_is_named(tmp_path, section):
-    path = tmp_path / "nominal.toml"
-    path.write_text(toml_of({name: value for name, value in CONSTANT.items() if name != section}))
-    with pytest.raises(InputError, match=rf"\[{section}\] is missing") as caught:
-        fly_whole(load_nominal(path))
-    assert str(path) in str(caught.value)
-
-
 def test_section_that_dispersion_needs_is_named(tmp_path):
     path = tmp_path / "nominal.toml"
     path.write_text(toml_of({name: value for name, value in CONSTANT.items() if name != "uncertainty"}))
     with pytest.raises(InputError, match=r"\[uncertainty\] is missing"):
         dispersion(load_nominal(path), 1, 1)
-
-
-@pytest.mark.parametrize(("section", "key", "value"), [
-    ("sensors", "period", 0.0105), ("controller", "period", 0.0005), ("simulation", "step", 0.003),
-    ("simulation", "step", 0.02)])
-def test_periods_that_are_no_whole_steps_are_named(tmp_path, section, key, value):
-    message = refused(tmp_path / "nominal.toml", edited(section, key, value))
-    assert "period" in message and "whole number of simulation steps" in message
-
-
-@pytest.mark.parametrize("text", [
-    pytest.param(edited("vehicle", "a6", 10**400), id="integer beyond float: OverflowError"),
-    pytest.param(edited("vehicle", "a6", 0.0).replace("a6 = 0.0", "a6 = 1" + "0" * 5000),
-                 id="integer beyond Python's digits: ValueError of tomllib"),
-    pytest.param(edited("vehicle", "a6", 0.0).replace("a6 = 0.0", "a6 = " + "[" * 5000), id="nesting: RecursionError"),
-    pytest.param('"two\\nlines" = 1\n' + toml_of(CONSTANT), id="key with a line feed: two lines of message"),
-    pytest.param(toml_of({**CONSTANT, "vehicle": {"profile": "a"}}).replace('"a"', '"a\\u0000b"'),
-                 id="profile path with NUL: ValueError"),
-    pytest.param(toml_of({**CONSTANT, "vehicle": {"profile": "a"}}).replace('"a"', '"a\\nb"'),
-                 id="profile path with a line feed: two lines of message"),
-])
-def test_odd_file_is_refused_in_one_line(tmp_path, text):
-    refused(tmp_path / "nominal.toml", text)
 
 
 @pytest.mark.parametrize("duration", [1e300, 1e12])
@@ -411,13 +331,6 @@ def test_profile_is_found_beside_its_nominal(tmp_path):
     assert load_nominal(tmp_path / "nominal.toml").vehicle.a6.tolist() == [1.0, 3.0]
     message = refused(tmp_path / "other.toml", toml_of({**CONSTANT, "vehicle": {"profile": "none.csv"}}))
     assert str(tmp_path / "none.csv") in message
-
-
-@pytest.mark.parametrize(("column", "text"), [("a6", "t,a6,k1\n0,0,1\n"), ("k1", "t,a6,k1\n0,1,-1\n")])
-def test_sigma_profile_must_be_positive(tmp_path, column, text):
-    (tmp_path / "sigma.csv").write_text(text)
-    message = refused(tmp_path / "n.toml", toml_of({**CONSTANT, "uncertainty": {"profile": "sigma.csv"}}))
-    assert "uncertainty.profile" in message and "above 0" in message
 
 
 @pytest.mark.parametrize(("period", "step"), [(0.01, 0.001), (1 / 128, 1 / 1024), (1 / 400, 1 / 1200), (0.004, 0.001)])

@@ -61,16 +61,6 @@ def test_the_command_says_once_that_it_compiles_and_the_core_nothing(tmp_path):
     assert warm.stderr == silent.stderr == ""
 
 
-def test_what_lasts_is_counted_every_ten_seconds(capsys, monkeypatch):
-    clock = [100.0]
-    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
-    compilation = Compilation()
-    for clock[0] in (100.0, 104.0, 109.9, 110.5, 115.0, 121.0):
-        compilation("sim.vehicle.step", "advance")
-    _, first, second = capsys.readouterr().err.splitlines()
-    assert "3 kernels compiled in 10 s" in first and "5 kernels compiled in 21 s" in second
-
-
 # ---- the second process
 
 

@@ -18,7 +18,7 @@ from launchid.cli.main import main
 from launchid.log.log import read_log
 from sim.effects import effect
 from sim.nominal import load_nominal, write_nominal
-from sim.shown import html_table, with_std
+from sim.shown import with_std
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -148,10 +148,6 @@ def test_columns_that_are_no_log_are_one_line(columns, mention):
 # ---- results
 
 
-def test_what_a_page_shows_is_escaped():
-    assert "<b>" not in html_table({"<b>": ["<b>", 1.0, None]})
-
-
 def test_importing_costs_no_numba_and_no_optional_package():
     script = "import launchid, sys; print([m for m in ('numba', 'matplotlib', 'pandas', 'polars') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True,
@@ -256,11 +252,3 @@ def test_a_log_of_two_rows_gives_a_sentence(tmp_path, capsys):
     assert "t_start" not in printed
     printed = said(capsys, "uncertainty", tmp_path / "log.csv", "constant")
     assert "no window of 5 s is complete" in printed and "in their range" not in printed
-
-
-def test_identify_prints_the_tracked_columns_when_asked(folder, capsys):
-    words = ["identify", folder / "log.csv", "--nominal", folder / "n.toml", "--window", "5"]
-    assert "tracked" not in said(capsys, *words)
-    head, *rows = said(capsys, *words, "--tracked").splitlines()[1:]
-    assert "tracked a6" in head and "tracked k1" in head
-    assert all(row.count("+-") == 4 for row in rows[:4])

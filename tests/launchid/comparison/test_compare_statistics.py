@@ -26,12 +26,6 @@ def test_shares_add_up_and_a_unit_changes_none_of_them(pairs, unit):
         assert statistics(y, z).tic == pytest.approx(found.tic, rel=1e-9)
 
 
-def test_what_is_met_exactly_has_no_shares():
-    found = statistics(Z, Z)
-    assert (found.fit, found.rms, found.tic) == (100.0, 0.0, 0.0)
-    assert math.isnan(found.bias + found.variance + found.covariance)
-
-
 def test_values_that_one_of_them_lacks_do_not_count():
     gap = np.array([0.0, math.nan, 2.0, 3.0, 9.0])
     assert statistics(gap, np.append(Z + 1.0, math.nan)) == statistics(Z[[0, 2, 3]], Z[[0, 2, 3]] + 1.0)

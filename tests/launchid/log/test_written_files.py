@@ -96,14 +96,6 @@ def rewritten(nominal: Nominal, path: Path) -> str:
 # ---- the commands
 
 
-def test_plan_adds_its_test_input_and_nothing_else(own, tmp_path):
-    assert main(["plan", str(own), "--accuracy", "0.03", "--window", "2", "--out", str(tmp_path / "new.toml")]) == 0
-    went, came = changes(OWN, (tmp_path / "new.toml").read_text(encoding="utf-8"))
-    assert went == []
-    assert came[:3] == ['name = "ours"', "", "[test_input]"]
-    assert [line.split(" = ")[0] for line in came[3:]] == ["start", "duration", "frequency", "amplitude", "phase"]
-
-
 def test_fit_lft_changes_its_two_numbers_and_keeps_their_comments(tmp_path):
     log = tmp_path / "log.csv"
     text = built_in("vega_like").read_text(encoding="utf-8").replace("duration = 95.0", "duration = 30.0").replace(
@@ -115,16 +107,6 @@ def test_fit_lft_changes_its_two_numbers_and_keeps_their_comments(tmp_path):
     assert [line for line in went if "profile" not in line] == ["a6 = 0.25  # guessed", "k1 = 0.25"]
     assert [line.split(" = ")[0] for line in came if "profile" not in line] == ["a6", "k1"]
     assert any(line.startswith("a6") and line.endswith("  # guessed") for line in came)
-
-
-def test_an_extension_adds_its_effects_behind_the_others(own, tmp_path):
-    nominal = load_nominal(own)
-    extended = dataclasses.replace(nominal, name="ours-extended", effects=(
-        *nominal.effects, effect("control_loss", fraction=0.3, time=4.0), effect("gyro_bias", rate=0.01)))
-    went, came = changes(OWN, rewritten(extended, tmp_path / "extension.toml"))
-    assert went == []
-    assert came == ['name = "ours-extended"', "", "[[effects]]", 'name = "control_loss"', "fraction = 0.3",
-                    "time = 4.0", "", "[[effects]]", 'name = "gyro_bias"', "rate = 0.01"]
 
 
 # ---- laws

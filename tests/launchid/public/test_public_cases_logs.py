@@ -211,15 +211,6 @@ def test_a_bad_gyro_of_the_same_axis_is_no_other_motion(plain, gyro):
     assert "motion" not in dict(kinds(columns | {"theta_dot": GYROS[gyro](columns)}))
 
 
-def test_whole_turns_that_a_logger_took_off_are_no_other_motion():
-    t = np.arange(2000) * ROW
-    theta, rate = 4.0 * np.sin(0.7 * t) + 3.0, 2.8 * np.cos(0.7 * t)
-    wrapped = (theta + np.pi) % (2.0 * np.pi) - np.pi
-    noise = np.random.default_rng(2).normal(size=(3, len(t)))
-    columns = {"t": t, "theta": wrapped + 1e-4 * noise[0], "theta_dot": rate + 1e-3 * noise[1], "beta": noise[2]}
-    assert "motion" not in dict(kinds(columns))
-
-
 @pytest.mark.parametrize("name", BUILT_IN)
 @pytest.mark.parametrize("period", [0.005, 0.01, 0.02, 0.05])
 def test_clean_flights_raise_nothing(name, period):

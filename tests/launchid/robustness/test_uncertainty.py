@@ -16,7 +16,7 @@ from unjitted import unjitted
 from launchid.cli.main import main
 from launchid.identification.windows import onboard_model, run
 from launchid.robustness.level import departures, ranged_model, report
-from launchid_core import BANDS, EDGES, Config, Estimate, Estimator, Model, Sample, Status
+from launchid_core import BANDS, EDGES, Config, Estimate, Estimator, Model
 from launchid_core.order.table import GAUGE
 from launchid_core.watch import uncertainty as un
 from launchid_core.watch.changes import MAX_EVENTS, N_COUNTS, N_EVENT
@@ -138,16 +138,6 @@ def test_a_model_without_sigma_has_no_level_and_the_same_estimates(constant):
     assert all(e.uncertainty is None for e in plain)
     assert [e.tracked for e in plain] == [e.tracked for e in ranged]
     assert 0 < having.nbytes - without.nbytes < 500
-
-
-def test_before_anything_is_known_no_number_is_given(constant):
-    estimator = Estimator(Config(formulation="filtered", model=ranged_model(constant)))
-    still = [Sample(0.01 * k, NAN if k > 100 else 0.0, 0.0, 0.0) for k in range(101)]
-    status = [estimator.update(sample) for sample in still]
-    assert Status.WINDOW_COMPLETE in status
-    u = estimator.estimate().uncertainty
-    if not u.valid:
-        assert math.isnan(u.a6.delta) and u.a6.band == un.UNDECIDED and u.a6.in_range
 
 
 @pytest.mark.parametrize(("fields", "named"), [
