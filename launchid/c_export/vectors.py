@@ -59,8 +59,8 @@ def upsets() -> list[Upset]:
     """Those of the file: a line each, words three by three after the numbers."""
     found = []
     for line in UPSETS.read_text(encoding="utf-8").splitlines():
-        numbers, words = line.split()[:4], line.split()[4:]
-        found.append(Upset(*map(int, numbers), [  # type: ignore[arg-type]
+        flight, window, place, count, *words = line.split()
+        found.append(Upset(int(flight), int(window), int(place), int(count), [
             (words[k], int(words[k + 1]), float(words[k + 2])) for k in range(0, len(words), 3)]))
     return found
 
