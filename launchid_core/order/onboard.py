@@ -264,9 +264,8 @@ def report_now(block, profile, air):
     """Everything that leaves beside the outcome, as of now: the closed window's end, or the last sample after it."""
     fixed, state, rep = block[0].fixed, block[0].state, block[0].work.report
     counts, clock = state.counts, state.clock
-    t = clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
-    if counts[rb.ROWS] > counts[rb.CLOSED_BACK]:
-        t = clock[rb.T_LAST]
+    is_later = counts[rb.ROWS] > counts[rb.CLOSED_BACK]
+    t = clock[rb.T_LAST] if is_later else clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
     contradicted = state.check.flag[RAISED] == 1
     report_tracked(profile, state.bank.total, contradicted, t, rep)
     report_air(fixed.belief, air, state.filter, state.bank.total, contradicted, rep)
