@@ -9,7 +9,7 @@ The rows must be at the controller's periods, one or several a period; a slower 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from sim.vehicle.controller import filtered, limited, pseudo_derivative
 from sim.vehicle.kernels import kernel
 
 from .log.log import Log
-from .sums import combined, least_squares, products
+from .sums import combined, least_squares, products, square
 
 FORGOTTEN = 1e-5      # of what the controller remembered: less is nothing
 FEWEST = 20           # commands, without which nothing is said
@@ -105,7 +105,8 @@ def later(x: np.ndarray, lag: float) -> np.ndarray:
 class Explanation:
     """The gains and computing time that explain commands best.
 
-    gains, std     (2,) kp and kd [s], of the law `rate` kp and ki; standard deviations as if what is left were white
+    gains, std     (2,) kp and kd [s], of the law `rate` kp and ki; (3,) standard deviations, of the delay too, as if
+                   what is left were white
     delay          [s] of computing time beside the nominal's
     before, after  [rad] rms of logged less computed command, with the nominal's gains and with these
     """
@@ -146,43 +147,60 @@ class Replay:
         off = rms(self.misfit[ticks])
         if off > self.tolerance:
             return True
-        found = self.explained(ticks, latest=0)
+        found = self.explained(ticks, lags=(0.0,))
         own = constants_of(self.nominal)[_gains_at(self.nominal)]
         return bool(found.after < EXPLAINED * off and np.any(np.abs(found.gains - own) > SAME * np.abs(own)))
 
-    def explained(self, ticks: np.ndarray, latest: int = LATEST) -> Explanation:
-        """The gains and computing time, up to `latest` periods, that explain the commands of these ticks best: a
-        command is linear in the gains, and whole periods are tried first, then parts of one."""
-        constants = constants_of(self.nominal)
-        known, rows = np.isfinite(self.error), np.arange(len(self.error))
-        error = np.interp(rows, rows[known], self.error[known])
+    def explained(self, ticks: np.ndarray, lags: Sequence[float] | None = None) -> Explanation:
+        """Return the gains and computing time that explain the commands of these ticks (ticks,) bool best: a command is
+        linear in the gains.
+
+        lags [periods] of computing time are tried; None: whole ones up to LATEST, and then parts of one.  What the
+        controller remembered where a stretch of known errors begins (of the law `rate`: of commands below the limit,
+        which holds the integral) fades as its own memory does, and is taken off.
+        """
+        constants, rows = constants_of(self.nominal), np.arange(len(self.error))
+        is_rate, gains_at = constants[RATE_LAW] != 0.0, _gains_at(self.nominal)
         early, before = packed(self.nominal).computing_time / constants[PERIOD], rms(self.misfit[ticks])
+        known = np.isfinite(self.error)
+        error = np.interp(rows, rows[known], self.error[known])
         parts = []
-        for gain in _gains_at(self.nominal):
+        for gain in gains_at:
             alone = constants.copy()
-            alone[[*_gains_at(self.nominal), LIMIT]] = 0.0, 0.0, math.inf
+            alone[[*gains_at, LIMIT]] = 0.0, 0.0, math.inf
             alone[gain] = 1.0
             parts.append(issued(self.nominal, alone, error, np.zeros(len(rows)), is_late=False)[0])
-        free = ticks & np.isfinite(self.logged) & (np.abs(self.logged) < NEAR_LIMIT * constants[LIMIT])
-        free[:min(_wait(self.nominal), len(rows) // 2)] = False
+        unlimited = np.isfinite(self.logged) & (np.abs(self.logged) < NEAR_LIMIT * constants[LIMIT])
+        breaks = ~(known & unlimited) if is_rate else ~known
+        since = rows - np.maximum.accumulate(np.where(breaks, rows, -1))
+        free = ticks & unlimited & (since > math.ceil(early) + LATEST + 1)
         if np.count_nonzero(free) < FEWEST:
-            return Explanation(np.full(2, math.nan), np.full(2, math.nan), 0.0, before, before)
-        constant = np.ones((len(rows), 1 if constants[RATE_LAW] else 0))   # of an integral that had begun
+            return Explanation(np.full(2, math.nan), np.full(3, math.nan), 0.0, before, before)
+        _, first, stretch = np.unique(np.cumsum(breaks)[free], return_index=True, return_inverse=True)
+        fades = 1.0 if is_rate else constants[TIME_CONSTANT] / (constants[TIME_CONSTANT] + constants[PERIOD])
+        memory = np.power(fades, since[free] - since[free][first][stretch])
+        memory = memory * (len(sections(self.nominal)) == 0)   # what filters remember is waited for
+        size = np.maximum(np.bincount(stretch, memory**2), 1e-300)
 
         def fit(lag: float) -> tuple[float, np.ndarray, np.ndarray]:
-            design = np.column_stack([*(later(x, early + lag) for x in parts), constant])[free]
-            wanted = (self.logged - later(self.excitation, early + lag))[free]
+            total = [*(later(x, early + lag) for x in parts), self.logged - later(self.excitation, early + lag)]
+            columns = np.column_stack([x[free] - memory * (np.bincount(stretch, memory * x[free]) / size)[stretch]
+                                       for x in total])
+            design, wanted = columns[:, :2], columns[:, 2]
             x = least_squares(design, wanted)
             after = rms(wanted - combined(design, x))
             return after, x, after * np.sqrt(np.maximum(np.diag(np.linalg.pinv(products(design, design))), 0.0))
 
-        lag = float(min(range(latest + 1), key=lambda each: fit(each)[0]))
+        lag = min(range(LATEST + 1) if lags is None else lags, key=lambda each: fit(each)[0])
         after, x, std = fit(lag)
-        for low, high in ((lag, lag + 1.0), (max(lag - 1.0, 0.0), lag)) if latest and after > self.tolerance else ():
+        is_between = lags is None and after > self.tolerance
+        for low, high in ((lag, lag + 1.0), (max(lag - 1.0, 0.0), lag)) if is_between else ():
             between = lowest(lambda each: fit(each)[0], low, high, SECTIONS)
             if fit(between)[0] < EXPLAINED * after:
                 lag, (after, x, std) = between, fit(between)
-        return Explanation(x[:2], std[:2], lag * constants[PERIOD], before, after)
+        moves = np.gradient(x[0] * later(parts[0], early + lag) + x[1] * later(parts[1], early + lag))[free]
+        late = after / max(math.sqrt(square(moves)), 1e-12) * constants[PERIOD]
+        return Explanation(x[:2], np.append(std[:2], late), lag * constants[PERIOD], before, after)
 
     def words(self, found: Explanation) -> str:
         """What would explain the commands, or that nothing does."""
@@ -243,7 +261,7 @@ def resolution(x: np.ndarray) -> float:
 
 def replay(log: Log, nominal: Nominal) -> Replay | str:
     """The nominal's controller over a log, or in words why it cannot be replayed."""
-    own, sensors = nominal.controller, nominal.sensors
+    own = nominal.controller
     if own is None:
         return "the nominal has no [controller]"
     seen, reference = ("theta_dot", "rate_ref") if own.is_rate_law else ("theta", "theta_ref")
@@ -266,26 +284,35 @@ def replay(log: Log, nominal: Nominal) -> Replay | str:
     grid = {name: np.full(count, math.nan) for name in ("beta_cmd", seen, reference)}
     for name, column in grid.items():
         column[index] = getattr(log, name)[on]
-    constants = constants_of(nominal)
+    return replayed(nominal, t_first, step, held, *grid.values())
+
+
+def replayed(nominal: Nominal, t_first: float, step: float, held: int, logged: np.ndarray, seen: np.ndarray,
+             reference: np.ndarray) -> Replay | str:
+    """The replay over columns (rows,) on the controller's own grid: rows a `step` [s] apart from t_first [s] on, `held`
+    of them a period; logged [rad] commands, what the controller saw and its reference, NaN where not known."""
+    own, sensors, constants = nominal.controller, nominal.sensors, constants_of(nominal)
+    assert own is not None
     is_waiting = len(own.filters) > 0 or packed(nominal).computing_time > 0.0
     wait = _wait(nominal) if is_waiting else 1 if constants[_gains_at(nominal)[1]] else 0
     impulse = constants.copy()
     impulse[LIMIT] = math.inf
     answer = issued(nominal, impulse, np.eye(1, 200)[0], np.zeros(200))[0]
-    steps = (max(getattr(sensors, f"{seen}_step"), resolution(grid[seen])), resolution(grid[reference]))
-    tolerance = math.sqrt(nominal.diagnosis.command**2 + resolution(grid["beta_cmd"])**2 / 12.0
+    declared = sensors.theta_dot_step if own.is_rate_law else sensors.theta_step
+    steps = (max(declared, resolution(seen)), resolution(reference))
+    tolerance = math.sqrt(nominal.diagnosis.command**2 + resolution(logged)**2 / 12.0
                           + math.fsum(each**2 for each in steps) / 12.0 * math.fsum(answer**2))
 
     def begun(phase: int) -> Replay:
         """The replay of a controller whose periods begin with this row of `held`."""
-        logged, z, wanted = (np.append(column[phase:], np.full(phase, math.nan)).reshape(-1, held)
-                             for column in grid.values())
+        rows, z, wanted = (np.append(column, np.full(held, math.nan))[phase:len(column) // held * held + phase]
+                           .reshape(-1, held) for column in (logged, seen, reference))
         error, first = z[:, 0] - wanted[:, 0], t_first + phase * step
         tick = max(round(first / own.period), 0)
         test = excitation(nominal, tick + len(error), own.period)[tick:]
-        known = np.isfinite(logged)
-        sent = np.where(known.any(axis=1), logged[np.arange(len(logged)), np.argmax(known, axis=1)], math.nan)
-        moved = np.max(np.where(known, np.abs(logged - sent[:, None]), 0.0), axis=1)
+        known = np.isfinite(rows)
+        sent = np.where(known.any(axis=1), rows[np.arange(len(rows)), np.argmax(known, axis=1)], math.nan)
+        moved = np.max(np.where(known, np.abs(rows - sent[:, None]), 0.0), axis=1)
         computed, answers = issued(nominal, constants, error, test, NOTHING if is_waiting else sent)
         off = sent - computed
         free = np.minimum(np.abs(sent), np.abs(computed)) < NEAR_LIMIT * constants[LIMIT]

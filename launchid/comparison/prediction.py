@@ -17,7 +17,7 @@ from sim.flight import excitation, packed
 from sim.nominal import Nominal
 
 from ..diagnosis import filter as ekf
-from ..diagnosis.adapter import Follower, track_of
+from ..diagnosis.adapter import follow, track_of
 from ..diagnosis.candidates import usual
 from ..diagnosis.controller.command import record
 from ..diagnosis.controller.issued import with_commands
@@ -91,7 +91,7 @@ def predictions(log: Log, nominal: Nominal, data: DataCheck) -> Predictions:
 def _record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
     """The log on its grid with its commands, of a long or fast one the rows that a diagnosis uses."""
     draft = shortened(record(log, nominal, sparser(data, log.t, nominal)))
-    return used(with_commands(draft, Follower())[0], log.t[data.usable])[0]
+    return used(with_commands(draft, follow)[0], log.t[data.usable])[0]
 
 
 def _filtered(r: Record) -> Model:

@@ -11,12 +11,12 @@ from sim.nominal import Nominal
 from ..log.detect import DataCheck, check
 from ..log.log import Log
 from ..log.turns import unwrapped
-from ..sums import least_squares
+from ..sums import combined, least_squares
 from . import filter as ekf
+from .controller.check import ControllerCheck
 from .controller.command import record
 from .controller.gaps import Seen
 from .controller.issued import with_commands
-from .controller.kind import ControllerCheck
 from .data.record import THETA, Record
 from .data.used import Used, shortened, sparser, used
 
@@ -24,8 +24,6 @@ MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; ot
 FEWEST_ROWS = 40       # without which nothing is fitted: twice as many as there are unknown numbers
 FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 ALERT = 30.0           # times the declared acceleration noise, between rows: the plant may be wrong, follow the sensors
-SLOW_PARTS = 2         # powers of time in what a biased gyro takes the attitude off
-FEWEST_TOLD = 20       # rows that tell them
 LONGEST_STEP = 0.0067   # s of the filter between two rows: a tenth of a servo's time
 
 
@@ -88,48 +86,34 @@ def read(log: Log, nominal: Nominal) -> Reading:
         return Reading(log, told, None, is_bad=True)
     if r.rows < FEWEST_ROWS:
         return Reading(log, told, None)
-    r, controller = with_commands(shortened(r), Follower())
+    r, controller = with_commands(shortened(r), follow)
     r, rows = used(r, log.t[data.usable])
     return Reading(log, told, track_of(r), controller, rows)
 
 
-class Follower:
-    """The nominal as it follows a log slower than its controller (`controller.issued.Follower`)."""
-
-    def seen(self, record: Record) -> Seen | None:
-        """The attitude at every tick, and the innovations; None: the nominal does not stay with the log."""
-        from .candidates import usual
-        from .model import Model
-        parts = record.every // record.tick
-        rows = record.rows * parts
-        z = np.full((rows, 3), math.nan)
-        z[np.minimum(record.at // record.tick, rows - 1)] = record.z
-        at = record.tick * np.arange(rows, dtype=np.int64)
-        fine = replace(record, z=z, at=at, every=record.tick, reference=np.full(rows, math.nan))
-        m = Model(track_of(fine))
-        m.with_numbers(usual(m), [])
-        m.levels = m.levels0.copy()
-        m.levels[ekf.QA] += math.log(ALERT)
-        m.run(m.null)
-        attitude = m.X[:, 0].copy()
-        if not np.all(np.abs(attitude) < record.farthest):
-            return None
-        innovations = np.where(np.isfinite(z), m.E, math.nan)[np.minimum(record.at // record.tick, rows - 1)]
-        return _as_measured(record, Seen(attitude, innovations))
-
-
-def _as_measured(record: Record, seen: Seen) -> Seen:
-    """The predictions with the attitude that the controller measured, where a gyro's bias takes the predicted one off
-    it: less the slow part of what it differs by at the rows."""
-    measured = np.isfinite(record.z[:, THETA])
-    if np.count_nonzero(measured) < FEWEST_TOLD:
-        return seen
-    ticks = record.tick * np.arange(len(seen.attitude), dtype=np.float64)
-    at = record.at[measured].astype(np.float64)
-    middle, half = ticks.mean(), 0.5 * max(float(np.ptp(ticks)), 1.0)
-    off = record.z[measured, THETA] - np.interp(at, ticks, seen.attitude)
-    slow = least_squares(np.vander((at - middle) / half, SLOW_PARTS + 1), off)
-    return seen._replace(attitude=seen.attitude + np.polyval(slow, (ticks - middle) / half))
+def follow(record: Record) -> Seen | None:
+    """The attitude at every tick of a log slower than its controller, and the innovations, as the nominal follows it;
+    None: it does not stay with the log."""
+    from .candidates import usual
+    from .model import Model
+    parts = record.every // record.tick
+    rows = record.rows * parts
+    place = np.minimum(record.at // record.tick, rows - 1)
+    z = np.full((rows, 3), math.nan)
+    z[place] = record.z
+    at = record.tick * np.arange(rows, dtype=np.int64)
+    m = Model(track_of(replace(record, z=z, at=at, every=record.tick, reference=np.full(rows, math.nan))))
+    m.with_numbers(usual(m), [])
+    m.levels[ekf.QA] += math.log(ALERT)
+    m.run(m.null)
+    attitude, measured = m.X[:, 0].copy(), np.isfinite(record.z[:, THETA])
+    if not np.all(np.abs(attitude) < record.farthest):
+        return None
+    if np.count_nonzero(measured) > FEWEST_ROWS:   # what a wrong gyro slowly takes the attitude off
+        slow = np.vander(np.linspace(-1.0, 1.0, rows), 3)
+        off = record.z[measured, THETA] - attitude[place[measured]]
+        attitude += combined(slow, least_squares(slow[place[measured]], off))
+    return Seen(attitude, np.where(np.isfinite(z), m.E, math.nan)[place])
 
 
 def track_of(r: Record) -> Track:
@@ -138,8 +122,11 @@ def track_of(r: Record) -> Track:
     t = r.t[0] + at * r.step
     sub = max(1, math.ceil(r.period / LONGEST_STEP - 1e-9))
     edges = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(sub) / sub).ravel(), t[-1])
-    half = np.clip(2 * r.first_step + (at[:-1] + at[1:]), 0, len(r.a6) - 1)
-    wind = r.wind[np.clip(half // 2, 0, len(r.wind) - 1)] if len(r.wind) else np.zeros(r.rows)
     ticks = t[0] + np.arange(len(r.commands) + 1) * (r.tick * r.step)
-    return Track(r, t, np.ascontiguousarray(r.z), sub, edges, ticks, r.commands, r.a6[half].copy(), r.k1[half].copy(),
-                 np.ascontiguousarray(wind))
+    middle = 0.5 * (t[:-1] + t[1:]) + r.shift
+    a6, k1 = r.nominal.vehicle.at(middle)
+    forecast = r.nominal.wind.profile if r.nominal.wind is not None else None
+    wind = forecast.at(middle) if forecast is not None else np.zeros(r.rows)
+    if r.path.size:
+        wind = wind - np.interp(middle, *r.path)
+    return Track(r, t, np.ascontiguousarray(r.z), sub, edges, ticks, r.commands, a6, k1, wind)

@@ -14,10 +14,6 @@ from .verdict import Named, Result
 
 CHANNEL_LEVELS = (("theta", 0), ("theta_dot", 1), ("beta", 2), ("command", 4), ("acceleration", 3))
 SIGNIFICANT = 1.5      # times the declared, from which a noise level differs
-DIRECT = {"a6": 1.0, "k1": 1.0, "k1_slope": 0.0, "damping": 0.0, "friction": 0.0, "misalignment": 0.0, "wind": 0.0,
-          "cubic": 0.0, "inertia": 0.0, "delay": 0.0, "bandwidth": 1.0, "gain": 1.0, "null_angle": 0.0,
-          "nozzle_bias": 0.0, "gyro_bias": 0.0, "gyro_scale": 1.0, "gyro_delay": 0.0, "attitude_delay": 0.0}
-# numbers that are a cause's parameter itself, with its neutral value
 DECIDES = {
     frozenset({"steady_wind", "attitude_bias"}): "an independent attitude reference, or air data",
     frozenset({"thrust_misalignment", "steady_wind"}): "a flight in which a6 and k1 change differently",
@@ -109,12 +105,12 @@ def _limits(result: Result) -> dict[str, Any]:
     if m is None or el is None:
         return found
     for j, std in el.std_full.items():
-        number_ = m.numbers[j]
-        if number_.cause in CATALOGUE and number_.cause not in found and number_.cause != "missing_term" and \
-                number_.name in DIRECT and number_.null == DIRECT[number_.name]:
-            found[number_.cause] = {
-                "parameter": number_.parameter, "unit": unit_of(number_.cause, number_.parameter),
-                "size": number(max(Z, math.sqrt(LEAST)) * std + number_.tol), "neutral": number_.null, "at": {}}
+        of = m.numbers[j]
+        neutral = {p.name: p.neutral for p in CATALOGUE[of.cause].parameters} if of.cause in CATALOGUE else {}
+        if "#" not in of.name and of.cause not in found and neutral.get(of.parameter, math.nan) == of.null:
+            found[of.cause] = {
+                "parameter": of.parameter, "unit": unit_of(of.cause, of.parameter),
+                "size": number(max(Z, math.sqrt(LEAST)) * std + of.tol), "neutral": of.null, "at": {}}
     return found
 
 

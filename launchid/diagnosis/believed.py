@@ -57,7 +57,7 @@ def believed(track: Track, servo: Actuator) -> Believed:
     if nominal.drift is not None:
         drift = nominal.drift.at(t + r.shift)
         z_alpha, z_beta = z_alpha + drift[0], z_beta + drift[1]
-    if r.path_is_known:
+    if r.path.size:
         z_alpha, z_beta = 0.0 * z_alpha, 0.0 * z_beta
     return Believed(changes, _numbers(changes, servo), terms, a6, k1, z_alpha, z_beta, *_weather(nominal, changes))
 

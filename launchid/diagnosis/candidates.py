@@ -40,6 +40,9 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
     both, row = m.has["theta"] and m.has["theta_dot"], float(np.median(m.dt))
     acc, tol = s.acceleration, SIGMAS * d.tolerance
     offsets = m.track.nominal.offsets or Offsets()
+    span, air = float(m.t[-1] - m.t[0]), m.known
+    calm = math.hypot(offsets.attitude_bias, air.initial, air.walk * math.sqrt(span / 3.0),
+                      air.turbulence * math.sqrt(2.0 * air.turbulence_time / span))   # mean of declared weather
     out: list[Number] = []
 
     def add(name: str, null: float, tol: float, prior: float, cause: str, parameter: str, low: float = -math.inf,
@@ -60,7 +63,6 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
             add("term " + name, value, tol * abs(value), prior, "", name)   # it is there, so it is no missing one
     if has_input:
         add("k1", 1.0, tol, LARGEST_SHIFT, "control_effectiveness", "scale")
-        span = float(m.t[-1] - m.t[0])
         add("k1_slope", 0.0, 0.0, 2.0 / span, "control_slope", "slope")
     if "theta_dot" not in m.terms:
         add("damping", 0.0, 0.0, acc / s.omega, "aero_damping", "coefficient")
@@ -70,13 +72,13 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
         if has_input and np.any(k1 != 0.0):
             size = float(np.sqrt(np.mean(k1**2)))
             unknown = math.hypot(offsets.thrust_misalignment, offsets.moment / size,
-                                 offsets.attitude_bias * float(np.sqrt(np.mean(a6**2))) / size)
+                                 calm * float(np.sqrt(np.mean(a6**2))) / size)
             add("misalignment", 0.0, SIGMAS * unknown, acc / size, "thrust_misalignment", "angle")
         else:
             add("moment", 0.0, SIGMAS * offsets.moment, acc, "missing_term", "1")
         if m.is_flown and has_input and float(np.ptp(a6 / np.where(k1 == 0.0, 1.0, k1))) > 0.02 * float(
                 np.max(np.abs(a6 / np.where(k1 == 0.0, 1.0, k1)))):
-            add("wind", 0.0, SIGMAS * offsets.attitude_bias, acc / float(np.sqrt(np.mean(a6**2))), "steady_wind",
+            add("wind", 0.0, SIGMAS * calm, acc / float(np.sqrt(np.mean(a6**2))), "steady_wind",
                 "angle")
     if m.has["theta"] and "sin(theta)" not in m.terms and np.any(a6 != 0.0):
         if s.theta > SWING and not m.is_flown:
@@ -127,24 +129,12 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Shape:
-    """A candidate that is fitted: its numbers' names, the linear ones first.
-
-    cause     in the contract's words, "" for a shape that is in no list
-    make      (model, nonlinear values) -> its `Column`s, of unit amplitudes
-    """
+    """A candidate that is fitted: its numbers' names, the linear ones first."""
 
     kind: "Kind"
     names: tuple[str, ...]
 
-    @property
-    def cause(self) -> str:
-        return self.kind.cause
-
-    @property
-    def linear(self) -> int:
-        return self.kind.linear
-
-    def made(self, m: Model, nonlinear: tuple[float, ...]) -> list[Column]:
+    def columns(self, m: Model, nonlinear: tuple[float, ...]) -> list[Column]:
         """The columns of unit amplitudes; kept, for most numbers change while these stay."""
         key = (self.kind.name, *nonlinear)
         if key not in m.columns:
@@ -155,14 +145,12 @@ class Shape:
 
     def effect(self, m: Model, values: tuple[float, ...]) -> Column:
         """What these values do together."""
-        total: list[np.ndarray | None] = [None, None, None]
-        for size, column in zip(values, self.made(m, values[self.linear:]) if not self.kind.effective else (),
-                                strict=False):
-            for k, x in enumerate(column):
-                if x is not None:
-                    before = total[k]
-                    total[k] = size * x if before is None else before + size * x
-        return Column(*total)
+        if self.kind.effective:
+            return Column()
+        sizes, columns = values[:self.kind.linear], self.columns(m, values[self.kind.linear:])
+        together = [[size * x for size, x in zip(sizes, each, strict=True) if x is not None]
+                    for each in zip(*columns, strict=True)]
+        return Column(*(sum(each) if each else None for each in together))
 
     def effectiveness(self, m: Model, values: tuple[float, ...]) -> np.ndarray | float:
         """The factor (n,) on the input's effect."""
@@ -171,20 +159,27 @@ class Shape:
 
 @dataclass(frozen=True)
 class Kind:
-    """A sort of shape.  parameters names of its numbers, `linear` of them amplitudes; starts the nonlinear values that
-    a scan tries; prior one sigma of the amplitudes, steps and ranges of the nonlinear ones."""
+    """A sort of shape.
+
+    cause       in the contract's words, "" for what is in no list
+    parameters  names of its numbers, `linear` of them amplitudes
+    make        (model, nonlinear values) -> its `Column`s, of unit amplitudes
+    when        whether a log can have it;  starts  the nonlinear values that a scan tries
+    prior       one sigma of the amplitudes;  bounds  (step, low, high) of each nonlinear number
+    effective   it scales the input's effect;  once  it happens once
+    """
 
     name: str
     cause: str
     parameters: tuple[str, ...]
     linear: int
     make: Callable[..., list[Column]]
-    starts: Callable[[Model], list[tuple[float, ...]]]
-    prior: Callable[[Model], float]
-    bounds: tuple[tuple[float, float, float], ...] = ()   # step, low, high of each nonlinear number
     when: Callable[[Model], bool] = lambda m: True
-    effective: bool = False
+    starts: Callable[[Model], list[tuple[float, ...]]] = lambda m: [()]
+    prior: Callable[[Model], float] = lambda m: 1.0
+    bounds: tuple[tuple[float, float, float], ...] = ()
     place: str = "plant"
+    effective: bool = False
     once: bool = False
 
     def shape(self, count: int) -> Shape:
@@ -328,16 +323,6 @@ def _chirps(m: Model) -> list[tuple[float, ...]]:
     return [(w, k) for w in np.linspace(2.0, 9.0, 12) for k in np.linspace(0.3, 1.8, 6) * 2.0 * w / span]
 
 
-def _shares(x: np.ndarray, shares: tuple[float, ...]) -> list[tuple[float, ...]]:
-    """Quantiles of x, those above 0."""
-    return [(float(each),) for each in np.quantile(x, shares) if each > 0.0]
-
-
-def _nowhere(m: Model) -> list[tuple[float, ...]]:
-    """No nonlinear numbers."""
-    return [()]
-
-
 # ---- which logs can have them
 
 
@@ -361,79 +346,74 @@ def _is_long(m: Model) -> bool:
     return float(m.t[-1] - m.t[0]) > 20.0
 
 
-def _one(m: Model) -> float:
-    return 1.0
-
-
 def _acceleration(m: Model) -> float:
     return m.scales.acceleration
 
 
 ANYWHEN, LASTING = (0.02, -1e9, 1e9), (0.02, 0.2, 20.0)   # step and range of an event's time and duration [s]
+TONE = ("sine", "cosine", "frequency")
 KINDS = (
     Kind("control_loss", "control_loss", ("fraction", "time"), 1,
-         lambda m, time: [Column(-m.k1 * m.motion[:, 2] * after(m, time))], _onsets, lambda m: 0.5, (ANYWHEN,),
-         _input_moves, effective=True, once=True),
-    Kind("moment_step", "moment_step", ("acceleration", "time"), 1, lambda m, time: [Column(after(m, time))], _onsets,
-         _acceleration, (ANYWHEN,), once=True),
-    Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, _pulses, lambda m: 0.2, (ANYWHEN, LASTING),
-         lambda m: m.is_flown and _unstable(m), place="environment", once=True),
-    Kind("periodic_disturbance", "periodic_disturbance", ("sine", "cosine", "frequency"), 2,
-         lambda m, frequency: _tone(m, 1.0, frequency * _middles(m)), lambda m: [], _acceleration,
-         ((2e-4, 0.05, 300.0),), lambda m: m.is_flown, place="environment"),
-    Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh, lambda m: _modes(m, SLOSH),
-         _one, ((2e-3, 0.2, 25.0), (1e-3, *DAMPING)), lambda m: m.has["theta"] and m.is_flown),
-    Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1, _bending, lambda m: _modes(m, BENDING),
-         lambda m: 0.1, ((2e-2, *BENDING), (1e-3, *DAMPING)), lambda m: m.is_flown and _commanded(m)),
-    Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift, _nowhere, lambda m: 0.1,
-         (), lambda m: m.has["theta"] and _unstable(m) and not m.track.record.path_is_known),
+         lambda m, time: [Column(-m.k1 * m.motion[:, 2] * after(m, time))],
+         _input_moves, _onsets, lambda m: 0.5, (ANYWHEN,), effective=True, once=True),
+    Kind("moment_step", "moment_step", ("acceleration", "time"), 1, lambda m, time: [Column(after(m, time))],
+         starts=_onsets, prior=_acceleration, bounds=(ANYWHEN,), once=True),
+    Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, lambda m: m.is_flown and _unstable(m),
+         _pulses, lambda m: 0.2, (ANYWHEN, LASTING), "environment", once=True),
+    Kind("periodic_disturbance", "periodic_disturbance", TONE, 2,
+         lambda m, frequency: _tone(m, 1.0, frequency * _middles(m)), lambda m: m.is_flown, lambda m: [],
+         _acceleration, ((2e-4, 0.05, 300.0),), "environment"),
+    Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh,
+         lambda m: m.has["theta"] and m.is_flown, lambda m: _modes(m, SLOSH),
+         bounds=((2e-3, 0.2, 25.0), (1e-3, *DAMPING))),
+    Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1, _bending,
+         lambda m: m.is_flown and _commanded(m), lambda m: _modes(m, BENDING), lambda m: 0.1,
+         ((2e-2, *BENDING), (1e-3, *DAMPING))),
+    Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift,
+         lambda m: m.has["theta"] and _unstable(m) and not m.track.record.path.size, prior=lambda m: 0.1),
     Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1,
-         lambda m, half_width: _limited(m, half_width, 0.0), lambda m: [(x,) for x in PLAYS], _one,
-         ((2e-5, 1e-6, 0.2),), _commanded, place="actuator"),
+         lambda m, half_width: _limited(m, half_width, 0.0), _commanded, lambda m: [(x,) for x in PLAYS],
+         bounds=((2e-5, 1e-6, 0.2),), place="actuator"),
     Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, lambda m, rate: _limited(m, 0.0, rate),
-         _rates, _one, ((1e-3, 1e-3, 50.0),), _commanded, place="actuator"),
+         _commanded, _rates, bounds=((1e-3, 1e-3, 50.0),), place="actuator"),
     # in no list: what they explain is not named
-    Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.mean_input * np.abs(m.mean_input))], _nowhere,
-         _one, (), _commanded, place="actuator"),
-    Kind("servo_asymmetry", "", ("size",), 1, lambda m: [Column(command=m.mean_input**2)], _nowhere, _one, (),
-         _commanded, place="actuator"),
+    Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.mean_input * np.abs(m.mean_input))], _commanded,
+         place="actuator"),
+    Kind("servo_asymmetry", "", ("size",), 1, lambda m: [Column(command=m.mean_input**2)], _commanded,
+         place="actuator"),
     Kind("servo_friction", "", ("size", "soft"), 1, lambda m, soft: [Column(command=-np.tanh(m.nozzle_rate / soft))],
-         lambda m: [(0.005,), (0.02,)], _one, ((1e-3, 1e-3, 1.0),), _commanded, place="actuator"),
-    Kind("attitude_curve", "", ("size",), 1, lambda m: _shift(m, 0, m.motion[:, 0]**3), _nowhere,
-         lambda m: 0.3 / m.scales.theta**2, (), _both, place="sensor"),
-    Kind("attitude_knee", "", ("size", "at"), 1, lambda m, at: _shift(m, 0, np.abs(m.motion[:, 0] - at)),
-         lambda m: [(float(x),) for x in np.quantile(m.motion[:, 0], np.linspace(0.1, 0.9, 9))], _one,
-         ((1e-3, -3.0, 3.0),), _both, place="sensor"),
-    Kind("attitude_walk", "", ("size",), 1, lambda m: _shift(m, 0, _tau(m)), _nowhere, lambda m: m.scales.theta, (),
-         _both, place="sensor"),
-    Kind("gyro_ceiling", "", ("size", "at"), 1,
-         lambda m, at: _shift(m, 1, np.clip(m.motion[:, 1], -at, at) - m.motion[:, 1]),
-         lambda m: [(float(x * np.max(np.abs(m.motion[:, 1]))),) for x in (0.5, 0.65, 0.8, 0.9, 0.96)], _one,
-         ((1e-3, 1e-6, 1e3),), _both, place="sensor"),
-    Kind("gyro_dead_zone", "", ("size", "at"), 1, lambda m, at: _shift(m, 1, -np.clip(m.motion[:, 1] / at, -1.0, 1.0)),
-         lambda m: _shares(np.abs(m.motion[:, 1]), (0.1, 0.2, 0.35, 0.5, 0.7)), lambda m: m.scales.omega,
-         ((1e-4, 1e-7, 1e3),), _both, place="sensor"),
-    Kind("gyro_flip", "", ("size", "time", "duration"), 1, lambda m, time, duration: _shift(
-             m, 1, m.motion[:, 1] * ((m.t[:-1] >= time) & (m.t[:-1] < time + duration))), _windows, lambda m: 2.0,
-         (ANYWHEN, LASTING), _both, place="sensor", once=True),
-    Kind("gyro_warming", "", ("size",), 1, lambda m: _shift(m, 1, m.motion[:, 1] * _tau(m)), _nowhere, _one, (), _both,
+         _commanded, lambda m: [(0.005,), (0.02,)], bounds=((1e-3, 1e-3, 1.0),), place="actuator"),
+    Kind("attitude_curve", "", ("size",), 1, lambda m: _shift(m, 0, m.motion[:, 0]**3), _both,
+         prior=lambda m: 0.3 / m.scales.theta**2, place="sensor"),
+    Kind("attitude_knee", "", ("size", "at"), 1, lambda m, at: _shift(m, 0, np.abs(m.motion[:, 0] - at)), _both,
+         lambda m: [(float(x),) for x in np.quantile(m.motion[:, 0], np.linspace(0.1, 0.9, 9))],
+         bounds=((1e-3, -3.0, 3.0),), place="sensor"),
+    Kind("attitude_walk", "", ("size",), 1, lambda m: _shift(m, 0, _tau(m)), _both, prior=lambda m: m.scales.theta,
          place="sensor"),
-    Kind("pickup_drift", "", ("size",), 1, lambda m: _shift(m, 2, _tau(m)), _nowhere, lambda m: m.scales.beta, (),
-         lambda m: m.has["beta"] and _commanded(m), place="sensor"),
-    Kind("aero_flutter", "", ("sine", "cosine", "frequency"), 2,
-         lambda m, frequency: _tone(m, m.a6 * m.motion[:, 0], frequency * _middles(m)), _lines_below, _one,
-         ((1e-3, 0.1, 30.0),), _unstable),
-    Kind("thrust_flutter", "", ("sine", "cosine", "frequency"), 2,
-         lambda m, frequency: _tone(m, m.k1 * m.motion[:, 2], frequency * _middles(m)), _lines_below, _one,
-         ((1e-3, 0.1, 30.0),), _input_moves),
-    Kind("chirp", "", ("sine", "cosine", "frequency", "climb"), 2, lambda m, frequency, climb: _tone(
-             m, 1.0, frequency * _middles(m) + 0.5 * climb * _middles(m)**2), _chirps, _acceleration,
-         ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), _is_long, place="environment"),
-    Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, _beat, lambda m: [], _acceleration,
-         ((1e-3, 0.05, 300.0),), _is_long, place="environment"),
-    Kind("a6_drift", "", ("size",), 1, lambda m: [Column(m.a6 * m.motion[:, 0] * _tau(m))], _nowhere, _one, (),
-         _unstable),
+    Kind("gyro_ceiling", "", ("size", "at"), 1,
+         lambda m, at: _shift(m, 1, np.clip(m.motion[:, 1], -at, at) - m.motion[:, 1]), _both,
+         lambda m: [(float(x * np.max(np.abs(m.motion[:, 1]))),) for x in (0.5, 0.65, 0.8, 0.9, 0.96)],
+         bounds=((1e-3, 1e-6, 1e3),), place="sensor"),
+    Kind("gyro_dead_zone", "", ("size", "at"), 1, lambda m, at: _shift(m, 1, -np.clip(m.motion[:, 1] / at, -1.0, 1.0)),
+         _both, lambda m: [(float(x) + 1e-6,) for x in np.quantile(np.abs(m.motion[:, 1]), (0.1, 0.2, 0.35, 0.5, 0.7))],
+         lambda m: m.scales.omega, ((1e-4, 1e-7, 1e3),), "sensor"),
+    Kind("gyro_flip", "", ("size", "time", "duration"), 1, lambda m, time, duration: _shift(
+             m, 1, m.motion[:, 1] * ((m.t[:-1] >= time) & (m.t[:-1] < time + duration))), _both, _windows,
+         lambda m: 2.0, (ANYWHEN, LASTING), "sensor", once=True),
+    Kind("gyro_warming", "", ("size",), 1, lambda m: _shift(m, 1, m.motion[:, 1] * _tau(m)), _both, place="sensor"),
+    Kind("pickup_drift", "", ("size",), 1, lambda m: _shift(m, 2, _tau(m)),
+         lambda m: m.has["beta"] and _commanded(m), prior=lambda m: m.scales.beta, place="sensor"),
+    Kind("aero_flutter", "", TONE, 2, lambda m, frequency: _tone(m, m.a6 * m.motion[:, 0], frequency * _middles(m)),
+         _unstable, _lines_below, bounds=((1e-3, 0.1, 30.0),)),
+    Kind("thrust_flutter", "", TONE, 2, lambda m, frequency: _tone(m, m.k1 * m.motion[:, 2], frequency * _middles(m)),
+         _input_moves, _lines_below, bounds=((1e-3, 0.1, 30.0),)),
+    Kind("chirp", "", (*TONE, "climb"), 2, lambda m, frequency, climb: _tone(
+             m, 1.0, frequency * _middles(m) + 0.5 * climb * _middles(m)**2), _is_long, _chirps, _acceleration,
+         ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), "environment"),
+    Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, _beat, _is_long, lambda m: [], _acceleration,
+         ((1e-3, 0.05, 300.0),), "environment"),
+    Kind("a6_drift", "", ("size",), 1, lambda m: [Column(m.a6 * m.motion[:, 0] * _tau(m))], _unstable),
     Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, lambda m: [Column(x) for x in _hats(m, 10)[:, 1:].T],
-         _nowhere, _acceleration, (), place="environment"),
+         prior=_acceleration, place="environment"),
 )
 LINES = ("periodic_disturbance", "beat")   # whose frequencies the periodogram proposes

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..sums import square
-from .estimate import Fit, gauss_newton, information
+from ..sums import combined, square
+from .estimate import Fit, gauss_newton, inverse, slopes
 from .model import KINEMATIC, Model
 from .score import compare, deviations, left_out
 
@@ -20,6 +20,7 @@ SHARE = 0.05           # of what the full model saves, that it must save
 EVENT = 28.0           # squares that is to save what fewer errors or no blocks vouch for: it may be the best of many
 BESIDE_EVENT = 0.2     # of what the largest saves, that an event beside it must save: less is the rest of its shape
 FREELY = 2.0           # squares that numbers may cost by the information and go at once, untried
+HOLDS = 0.1            # of the squares of a change of the errors, by which slopes may tell it wrong and still be taken
 TRIES = 3              # groups tried in a step, the cheapest first
 EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goes first, as if it cost so much of it
 RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "friction", "k1_slope", "lateral_drift"}
@@ -88,8 +89,8 @@ def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
            if each.name not in inside and j not in notes]
     for shape in m.shapes:
         numbers = tuple(m.index(name) for name in shape.names)
-        out.append(Group(shape.names[0].partition(".")[0], numbers, shape.linear,
-                         is_event=shape.kind.once, is_listed=bool(shape.cause)))
+        out.append(Group(shape.names[0].partition(".")[0], numbers, shape.kind.linear,
+                         is_event=shape.kind.once, is_listed=bool(shape.kind.cause)))
     return out
 
 
@@ -104,34 +105,28 @@ class Search:
         self.m, self.notes = m, notes
         self.groups = groups_of(m, notes)
 
-    def base(self) -> frozenset[int]:
-        """Numbers that the nominal gives with a tolerance."""
-        return frozenset(j for g in self.groups if g.has_band for j in g.numbers)
-
     def nearest(self, j: int, value: float) -> float:
-        m = self.m
-        return float(np.clip(value, m.null[j] - m.tol[j], m.null[j] + m.tol[j]))
+        return float(np.clip(value, self.m.null[j] - self.m.tol[j], self.m.null[j] + self.m.tol[j]))
 
-    def cost(self, fit: Fit, groups: list[Group]) -> float:
+    def cost(self, fit: Fit, covariance: np.ndarray, groups: list[Group]) -> float:
         """Squares that it costs to put the groups back, by the information (Wald 1943)."""
         numbers = [j for g in groups for j in g.numbers[:g.linear]]
         d = np.array([fit.p[j] - self.nearest(j, fit.p[j]) for j in numbers])
         at = [fit.at(j) for j in numbers]
-        C = self.inverse[np.ix_(at, at)]
+        C = covariance[np.ix_(at, at)]
         return float(d @ np.linalg.solve(C + 1e-12 * np.diag(np.diag(C)) + 1e-300 * np.eye(len(d)), d))
 
     def without(self, fit: Fit, groups: list[Group], rounds: int = 2) -> Fit:
         """The fit with these groups back at the nominal, the others moved as the information says, and refitted."""
         m = self.m
-        A = information(m, fit)
-        inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+        covariance = inverse(m, fit)
         numbers = [j for g in groups for j in g.numbers[:g.linear]]
         gone = {j for g in groups for j in g.numbers if not g.has_band}
         at = [fit.at(j) for j in numbers]
         d = np.array([self.nearest(j, fit.p[j]) - fit.p[j] for j in numbers])
-        C = inverse[np.ix_(at, at)]
+        C = covariance[np.ix_(at, at)]
         q = fit.p.copy()
-        q[list(fit.free)] += inverse[:, at] @ np.linalg.solve(C + 1e-12 * np.diag(np.diag(C)), d)
+        q[list(fit.free)] += covariance[:, at] @ np.linalg.solve(C + 1e-12 * np.diag(np.diag(C)), d)
         band = fit.band | {j for g in groups if g.has_band for j in g.numbers}
         for j in band:
             q[j] = self.nearest(j, q[j])
@@ -141,13 +136,14 @@ class Search:
         for j in (*band, *gone):
             r[j] = q[j]
         q = np.clip(q, m.low, m.high)
-        free = tuple(j for j in fit.free if j not in gone)
-        if not np.all(np.isfinite(q)) or float((m.white(r)**2).sum()) < float((m.white(q)**2).sum()):
-            q = r
-        return gauss_newton(m, q, free, band, rounds)
-
-    def saves(self, e0: np.ndarray, e1: np.ndarray) -> tuple[float, float]:
-        return compare(self.m, e0, e1, self.unit)
+        kept = [i for i, j in enumerate(fit.free) if j not in gone]
+        free = tuple(fit.free[i] for i in kept)
+        e = m.white(q)
+        if not np.all(np.isfinite(q)) or square(m.white(r)) < square(e):
+            return gauss_newton(m, r, free, band, rounds)
+        told = combined(fit.J, (q - fit.p)[list(fit.free)])
+        holds = square(e - fit.e - told) < HOLDS * square(told)
+        return gauss_newton(m, q, free, band, rounds, fit.J[:, kept] if holds else None)
 
     def is_at_an_end(self, fit: Fit, group: Group) -> bool:
         """Whether a shape stands at an end of its range: it is then another's remainder, and none of its kind."""
@@ -178,28 +174,25 @@ class Search:
         e_full = left_out(m, full)
         self.unit = max(float(np.mean(e_full**2)), 0.2)
         std_full = deviations(m, full, self.unit)
-        band = self.base()
+        band = frozenset(j for g in self.groups if g.has_band for j in g.numbers)
         start = tuple(sorted(band | self.notes))
         nominal = gauss_newton(m, m.null.copy(), start, band, 3)
         e_nominal = left_out(m, nominal)
         sensors = {m.index(name) for name in KINEMATIC if name in m.names}
         alone = gauss_newton(m, nominal.p, tuple(sorted(band | sensors)), band - sensors, 3)
         self.by_sensors = max(square(e_nominal) - square(left_out(m, alone)), 0.0)
-        self.correlations(full)
-        fit, live = full, [g for g in self.groups]
+        C = inverse(m, full)
+        s = 1.0 / np.sqrt(np.diag(C))
+        self.correlation = np.abs(C * np.outer(s, s))
         m.white(full.p)
-        best = e_end = e_full
-        fit, live, best, e_end = self.take_away(fit, live, e_nominal, best, e_end)
+        fit, live, best, e_end = self.take_away(full, e_nominal, e_full)
+        m.white(fit.p)
+        fit = fit._replace(J=slopes(m, fit.p, fit.free))
         kept, fit, e_end = self.judged(fit, live, e_nominal, best, e_end)
         if not kept:
             fit, e_end = nominal, e_nominal
         m.white(fit.p)
         return Elimination(nominal, full, fit, e_nominal, e_full, e_end, self.unit, kept, std_full, tuple(self.notes))
-
-    def correlations(self, full: Fit) -> None:
-        inverse = np.linalg.inv(information(self.m, full))
-        s = 1.0 / np.sqrt(np.diag(inverse))
-        self.correlation = np.abs(inverse * np.outer(s, s))
 
     def related(self, a: Group, b: Group) -> float:
         """Largest correlation of two groups' sizes in the full fit."""
@@ -218,54 +211,40 @@ class Search:
                 out.append(cluster)
         return out
 
-    def take_away(self, fit: Fit, live: list[Group], e_nominal: np.ndarray,  # noqa: PLR0912 - one loop
-                  best: np.ndarray, e_end: np.ndarray) -> tuple[Fit, list[Group], np.ndarray, np.ndarray]:
-        """The loop."""
-        m = self.m
-        at_once = True
+    def take_away(self, fit: Fit, e_nominal: np.ndarray,
+                  e_end: np.ndarray) -> tuple[Fit, list[Group], np.ndarray, np.ndarray]:
+        """The loop; -> the fit, what is left, the best left-out errors on the way, those of the fit."""
+        m, live, best = self.m, list(self.groups), e_end
         for cluster in self.clusters():
-            A = information(m, fit)
-            self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+            C = inverse(m, fit)
             others = [[g for g in cluster if g is not one] for one in cluster]
-            least, k = min((self.cost(fit, rest), k) for k, rest in enumerate(others))
+            least, k = min((self.cost(fit, C, rest), k) for k, rest in enumerate(others))
             if least < ONE_OF:
                 fit = self.without(fit, others[k])
                 e_end = left_out(m, fit)
                 live = [g for g in live if g not in others[k]]
+        is_first = True
         while live:
-            A = information(m, fit)
-            self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
-            costs = {g.name: self.cost(fit, [g]) for g in live}
+            C = inverse(m, fit)
+            costs = {g.name: self.cost(fit, C, [g]) for g in live}
             order = sorted(live, key=lambda g: costs[g.name] * (EARLIER if is_rare(g) else 1.0))
-            gone = False
-            if at_once:
-                cheap: list[Group] = []
-                for g in order:
-                    if costs[g.name] > FREELY or self.cost(fit, [*cheap, g]) > FREELY * (len(cheap) + 1) ** 0.5:
-                        break
-                    cheap.append(g)
-                at_once = False
-                if len(cheap) > 1:
-                    tried = self.without(fit, cheap)
-                    e = left_out(m, tried)
-                    gain, error = self.saves(e, e_end)
-                    if gain < max(error, LEAST):
-                        fit, e_end, gone = tried, e, True
-                        live = [g for g in live if g not in cheap]
-            if not gone:
-                for g in order[:TRIES]:
-                    tried = self.without(fit, [g])
-                    e = left_out(m, tried)
-                    gain, error = self.saves(e, best)
-                    removable = max(square(e_nominal) - square(best), 1e-9)
-                    if not self.is_needed(g, gain, error, removable) or self.is_at_an_end(fit, g):
-                        fit, e_end, gone = tried, e, True
-                        live = [each for each in live if each is not g]
-                        break
-            if not gone:
+            tries = [[g] for g in order[:TRIES]]
+            if is_first:      # all at once that cost nothing
+                cheap = [order[:k] for k in range(2, len(order) + 1) if costs[order[k - 1].name] < FREELY and
+                         self.cost(fit, C, order[:k]) < FREELY * k**0.5]
+                tries, is_first = cheap[-1:] + tries, False
+            for gone in tries:
+                tried = self.without(fit, gone)
+                e = left_out(m, tried)
+                gain, error = compare(m, e, e_end if len(gone) > 1 else best, self.unit)
+                removable = max(square(e_nominal) - square(best), 1e-9)
+                if gain < max(error, LEAST) if len(gone) > 1 else self.is_at_an_end(fit, gone[0]) or \
+                        not self.is_needed(gone[0], gain, error, removable):
+                    fit, e_end, live = tried, e, [g for g in live if g not in gone]
+                    best = e if square(e) < square(best) else best
+                    break
+            else:
                 break
-            if square(e_end) < square(best):
-                best = e_end
         return fit, live, best, e_end
 
     def judged(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray,
@@ -277,19 +256,17 @@ class Search:
             m.white(fit.p)
             std = deviations(m, fit, self.unit)
             removable = max(square(e_nominal) - min(square(best), square(e_end)), 1e-9)
-            A = information(m, fit)
-            self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
             for g in live:
                 rest = self.without(fit, [g], 3)
                 e = left_out(m, rest)
-                gain, error = self.saves(e, e_end)
+                gain, error = compare(m, e, e_end, self.unit)
                 alike = []
                 for other in self.groups:
                     if other is g or other in live or self.related(g, other) < RELATED:
                         continue
                     again = self.with_other(rest, other)
                     ei = left_out(m, again)
-                    gi, si = self.saves(ei, e_end)
+                    gi, si = compare(m, ei, e_end, self.unit)
                     is_common = is_rare(g) and not is_rare(other) and not other.is_event and gi < ALIKE_Z * si
                     is_common |= not g.is_listed and other.is_listed and gi < max(ALIKE_Z * si, BESIDE * gain)
                     if (gi < -si or is_common) and swap is None and other.name not in SHAPES_OF_NUMBERS:
@@ -305,14 +282,18 @@ class Search:
                         if k.group.linear == 1)]
         largest = max((k.gain for k in kept), default=0.0)
         kept = [k for k in kept if not k.group.is_event or k.gain > BESIDE_EVENT * largest]
-        gain, error = self.saves(e_nominal, e_end)
+        gain, error = compare(m, e_nominal, e_end, self.unit)
         if gain < LEAST or (gain < error and not any(k.group.is_event for k in kept)):
             kept = []
         return tuple(kept), fit, e_end
 
     def with_other(self, rest: Fit, other: Group) -> Fit:
         """The fit with another group in the place of one that is out."""
-        p = rest.p.copy()
+        m, p = self.m, rest.p.copy()
         p[list(other.numbers)] = self.full.p[list(other.numbers)]
-        band = rest.band - set(other.numbers)
-        return gauss_newton(self.m, p, tuple(sorted({*rest.free, *other.numbers})), band, 2)
+        free = tuple(sorted({*rest.free, *other.numbers}))
+        m.white(p)
+        new = slopes(m, p, other.numbers)
+        J = np.column_stack([new[:, other.numbers.index(j)] if j in other.numbers else rest.J[:, rest.at(j)]
+                             for j in free])
+        return gauss_newton(m, p, free, rest.band - set(other.numbers), 2, J)

@@ -7,7 +7,6 @@ import numpy as np
 from sim.vehicle.kernels import kernel
 
 from ..sums import along, square
-from .filter import LEVELS
 from .model import Model
 
 SMALL = 0.05           # of the objective: less in a step ends the iterations
@@ -59,10 +58,10 @@ def objective(m: Model, e: np.ndarray, p: np.ndarray) -> float:
     return square(e) + square(d)
 
 
-def slopes(m: Model, p: np.ndarray, e: np.ndarray, free: tuple[int, ...]) -> np.ndarray:
+def slopes(m: Model, p: np.ndarray, free: tuple[int, ...]) -> np.ndarray:
     """J (r, free) about the last filter's path, gains held."""
-    J = np.empty((len(free), len(e)))
     base = m.white(p, frozen=True)
+    J = np.empty((len(free), len(base)))
     for i, j in enumerate(free):
         q = p.copy()
         step = m.step[j] if p[j] + m.step[j] <= m.high[j] else -m.step[j]
@@ -77,16 +76,22 @@ def information(m: Model, fit: Fit) -> np.ndarray:
     return gram(fit.J) + np.diag(prior**-2.0)
 
 
+def inverse(m: Model, fit: Fit) -> np.ndarray:
+    """The inverse of the information: the posterior's covariance."""
+    A = information(m, fit)
+    return np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
+
+
 def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset[int] = frozenset(),
-                 rounds: int = 3) -> Fit:
+                 rounds: int = 3, J: np.ndarray | None = None) -> Fit:
     """Minimise squares and priors over `free`, numbers held at a bound that they press against (Bertsekas 1982), in so
-    many rounds beside those that halve them."""
+    many rounds beside those that halve them; J (r, free) the slopes at p, where they are known."""
     F = np.array(free, int)
     low, high = limits(m, band)
     p = p.copy()
     p[F] = np.clip(p[F], low[F], high[F])
     e = m.white(p)
-    J = slopes(m, p, e, free)
+    J = slopes(m, p, free) if J is None else J
     best = objective(m, e, p)
     while rounds > 0 and len(F):
         w = m.prior[F]**-2.0
@@ -117,9 +122,9 @@ def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset
         if not moved:
             e = m.white(p)     # the filter is where p is
             break
-        J = slopes(m, p, e, free)
         if done:
-            break
+            break              # the slopes are those of a point next to it
+        J = slopes(m, p, free)
     return Fit(p, e, J, tuple(free), band)
 
 
@@ -166,6 +171,3 @@ def fit_levels(m: Model, p: np.ndarray, rounds: int = 3) -> None:
             return
         if gain < 0.5:
             return
-
-
-assert LEVELS == 7

@@ -24,13 +24,18 @@ TH, OM, M, G, B, V = range(6)
 N = 6
 SECOND, FIRST = range(2)              # orders of the servo
 # what every run reads of the model as one array of numbers
-(DT, DW, SCALE, GYRO, NULL, SOFT, SIN, COS, SQUARE, CUBE, SIGN, DRAG, CROSS, K2, KAPPA, ORDER, W, ZETA,
- TAU_M, TAU_G, HELD) = range(21)
-CONSTANTS = 21
+(DT, DW, SCALE, GYRO, NULL, SOFT, SIN, COS, SQUARE, CUBE, SIGN, CROSS, K2, KAPPA, ORDER, W, ZETA,
+ TAU_M, TAU_G, HELD) = range(20)
+CONSTANTS = 20
 U = 6                                 # the command's column in the slopes of a step
 RT, RW, RB, QA, QC, QM, QG = range(7)  # levels: sensors [unit], densities of acceleration and command, sigmas of m, g
 LEVELS = 7
 LOST = 1e7                             # rad or rad/s: a model that ran away is set back to the log
+
+
+@apart
+def _is_curved(c):
+    return c[SIN] != 0.0 or c[COS] != 0.0 or c[SQUARE] != 0.0 or c[CUBE] != 0.0 or c[SIGN] != 0.0 or c[CROSS] != 0.0
 
 
 @apart
@@ -51,17 +56,15 @@ def _acceleration(x, f, c1, c2, k, am, ag, b, c, curved):
             s = math.tanh(om / c[SOFT])
             a += c[SIGN] * s
             aw += c[SIGN] * (1.0 - s * s) / c[SOFT]
-        if c[DRAG] != 0.0:
-            a += c[DRAG] * om * abs(om)
-            aw += 2.0 * c[DRAG] * abs(om)
     return a, at, aw, ab
 
 
 @apart
 def servo_of(c, h, s):
-    """s (7,) out: the servo over a step h: f11, f12, f21, f22 of (b - u, v), the mean's i1, i2, and h."""
+    """s (9,) out: the servo over a step h: f11, f12, f21, f22 of (b - u, v), the mean's i1, i2; h; what m and g keep
+    over it."""
     s[:] = 0.0
-    s[6] = h
+    s[6], s[7], s[8] = h, math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
     w, z = c[W], min(c[ZETA], 0.999)
     if c[ORDER] == FIRST:
         s[0] = math.exp(-w * h)
@@ -76,9 +79,9 @@ def servo_of(c, h, s):
 
 
 @apart
-def _move(x, u, h, s, f, c1, c2, k, am, ag, em, eg, c, curved, F, wants):
+def _move(x, u, s, f, c1, c2, k, am, ag, c, curved, F, wants):
     """x (6,) inout over one step; F (2, 7) out: slopes of theta and omega in x and in the command."""
-    off = x[B] - u
+    h, off = s[6], x[B] - u
     b = u + s[4] * off + s[5] * x[V]
     nv = s[2] * off + s[3] * x[V]
     a, at, aw, ab = _acceleration(x, f, c1, c2, k, am, ag, b, c, curved)
@@ -97,8 +100,8 @@ def _move(x, u, h, s, f, c1, c2, k, am, ag, em, eg, c, curved, F, wants):
     a2, at, aw, ab = _acceleration(x, f, c1, c2, k, am, ag, b, c, curved)
     x[TH] = th + h * (om + h * (2.0 * a + a2) / 6.0 + 0.5 * kick)
     x[OM] = om + 0.5 * h * (a + a2) + kick
-    x[M] *= em
-    x[G] *= eg
+    x[M] *= s[7]
+    x[G] *= s[8]
     x[B] = u + s[0] * off + s[1] * x[V]
     x[V] = nv
 
@@ -129,8 +132,9 @@ def _update(x, P, H, e, r, K):
 
 
 @apart
-def _spread(P, T, F, s, em, eg, qa, qm, qg, h):
-    """P (6, 6) inout over one step h; T (6, 6) scratch; density of the acceleration's noise, variances of moments."""
+def _spread(P, T, F, s, qa, qm, qg):
+    """P (6, 6) inout over one step; T (6, 6) scratch; density of the acceleration's noise, variances of moments."""
+    h, em, eg = s[6], s[7], s[8]
     for i in range(N):
         p0, p1, p2, p3, p4, p5 = P[0, i], P[1, i], P[2, i], P[3, i], P[4, i], P[5, i]
         T[0, i] = F[0, 0] * p0 + F[0, 1] * p1 + F[0, 2] * p2 + F[0, 3] * p3 + F[0, 4] * p4 + F[0, 5] * p5
@@ -174,6 +178,28 @@ def _release(P, g, variance):
     g[:] = 0.0
 
 
+@apart
+def _over_row(h, u, row, c, levels, curved, wants, x, P, T, F, s, g, A):
+    """x, and P if `wants`, inout over one row in steps of h with commands u (sub,); row (6,) as of `run`, A (6,) out:
+    the slopes at its beginning; T, F, s, g scratch, g and s kept from row to row."""
+    sub = len(u)
+    if abs(h - s[6]) > 1e-9 * h:
+        servo_of(c, h, s)
+    qa, qg = levels[QA] * levels[QA], levels[QG] * levels[QG] * (1.0 - s[8] * s[8])
+    qm = levels[QM] * levels[QM] * (h if math.isinf(c[TAU_M]) else 1.0 - s[7] * s[7])
+    held = max(round(c[HELD] / h), 1)
+    for j in range(sub):
+        _move(x, u[j], s, row[0], row[1], row[2], row[3], row[4], row[5], c, curved, F, wants)
+        if not wants:
+            continue
+        if j == 0:
+            A[0], A[1], A[2] = F[1, TH] / h, (F[1, OM] - 1.0) / h, F[1, B]
+        _spread(P, T, F, s, qa, qm, qg)
+        _hold(g, F, s)
+        if (j + 1) % held == 0 or j + 1 == sub:
+            _release(P, g, levels[QC] * levels[QC] / h / (j % held + 1))
+
+
 @kernel
 def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: PLR0912, PLR0915 - one algorithm, in order
     """Filter a log; or, `frozen`, follow it with the gains that the last filter left in K.
@@ -184,10 +210,9 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
     A (n, 6) slopes of omega' in theta, omega, b with the innovations' own; C (n, 6, 6) covariances of X, or none: out
     """
     n = len(z)
-    x, P, F, s = np.zeros(N), np.zeros((N, N)), np.zeros((2, N + 1)), np.zeros(7)
+    x, P, F, s = np.zeros(N), np.zeros((N, N)), np.zeros((2, N + 1)), np.zeros(9)
     T, H, g = np.zeros((N, N)), np.zeros(N), np.zeros(N)
-    curved = c[SIN] != 0.0 or c[COS] != 0.0 or c[SQUARE] != 0.0 or c[CUBE] != 0.0 or c[SIGN] != 0.0 or \
-        c[DRAG] != 0.0 or c[CROSS] != 0.0
+    curved = _is_curved(c)
     for i in range(N):
         P[i, i] = P0[i]
     first, whole = True, t[1] - t[0]
@@ -199,7 +224,7 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
         if first and not math.isnan(z[k, 0]):
             x[TH] = z[k, 0]
             first = False
-        f, c1, c2, kb, am, ag = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5]
+        c1, c2, kb, am, ag = rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5]
         before = rows[max(k - 1, 0), 0]
         b = x[B]
         for ch in range(3):
@@ -210,32 +235,19 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
                 continue
             if ch == 2:
                 e = z[k, 2] - x[B] - c[NULL]
-                if not frozen:
-                    H[:] = 0.0
-                    H[B] = 1.0
-            elif ch == 0 and c[DT] == 0.0:
-                e = z[k, 0] - x[TH]
-                if not frozen:
-                    H[:] = 0.0
-                    H[TH] = 1.0
-            elif ch == 1 and c[DW] == 0.0:
-                e = z[k, 1] - c[SCALE] * x[OM] - c[GYRO]
-                if not frozen:
-                    H[:] = 0.0
-                    H[OM] = c[SCALE]
+                H[:] = 0.0
+                H[B] = 1.0
             else:
                 a, at, aw, ab = _acceleration(x, before, c1, c2, kb, am, ag, b, c, curved)
                 if ch == 0:
                     q = 0.5 * c[DT] * c[DT]
                     e = z[k, 0] - x[TH] + c[DT] * x[OM] - q * a
-                    if not frozen:
-                        H[TH], H[OM], H[M], H[G], H[B], H[V] = 1.0 + q * at, q * aw - c[DT], q * am, q * ag, q * ab, 0.0
+                    H[TH], H[OM], H[M], H[G], H[B], H[V] = 1.0 + q * at, q * aw - c[DT], q * am, q * ag, q * ab, 0.0
                 else:
                     q = c[SCALE] * c[DW]
                     e = z[k, 1] - c[SCALE] * x[OM] + q * a - c[GYRO]
-                    if not frozen:
-                        H[TH], H[OM], H[M] = -q * at, c[SCALE] - q * aw, -q * am
-                        H[G], H[B], H[V] = -q * ag, -q * ab, 0.0
+                    H[TH], H[OM], H[M] = -q * at, c[SCALE] - q * aw, -q * am
+                    H[G], H[B], H[V] = -q * ag, -q * ab, 0.0
             E[k, ch] = e
             if frozen:
                 for i in range(N):
@@ -249,26 +261,7 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
                 C[k] = P
         if k == n - 1:
             break
-        h = (t[k + 1] - t[k]) / sub
-        if abs(h - s[6]) > 1e-9 * h:
-            servo_of(c, h, s)
-            em = math.exp(-h / c[TAU_M])
-            eg = math.exp(-h / c[TAU_G])
-            qm = levels[QM] * levels[QM] * (h if math.isinf(c[TAU_M]) else 1.0 - em * em)
-            qg = levels[QG] * levels[QG] * (1.0 - eg * eg)
-            qa = levels[QA] * levels[QA]
-            qc = levels[QC] * levels[QC] / h
-            held = max(round(c[HELD] / h), 1)
-        for j in range(sub):
-            _move(x, u[k, j], h, s, f, c1, c2, kb, am, ag, em, eg, c, curved, F, not frozen)
-            if frozen:
-                continue
-            if j == 0:
-                A[k, 0], A[k, 1], A[k, 2] = F[1, TH] / h, (F[1, OM] - 1.0) / h, F[1, B]
-            _spread(P, T, F, s, em, eg, qa, qm, qg, h)
-            _hold(g, F, s)
-            if (j + 1) % held == 0 or j + 1 == sub:
-                _release(P, g, qc / (j % held + 1))
+        _over_row((t[k + 1] - t[k]) / sub, u[k], rows[k], c, levels, curved, not frozen, x, P, T, F, s, g, A[k])
         if not frozen:   # rounding makes no difference of P and its transpose, which an unstable vehicle would let grow
             for i in range(N):
                 for j in range(i):
@@ -291,7 +284,7 @@ def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
     """The change E (n, 3) of the innovations that a small forcing makes: force (n,) [rad/s^2] and command (n,)
     [rad] over each row, shift (n, 3) of the measurements.  Linear, about the last filter's path."""
     n = len(z)
-    x, s = np.zeros(N), np.zeros(7)
+    x, s = np.zeros(N), np.zeros(9)
     for k in range(n):
         for ch in range(3):
             E[k, ch] = 0.0
@@ -311,7 +304,6 @@ def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
         h = (t[k + 1] - t[k]) / sub
         if abs(h - s[6]) > 1e-9 * h:
             servo_of(c, h, s)
-            em, eg = math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
         at, aw, kb, am, ag = A[k, 0], A[k, 1], rows[k, 3], rows[k, 4], rows[k, 5]
         for _ in range(sub):
             off = x[B] - command[k]
@@ -319,8 +311,8 @@ def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
             a = force[k] + at * x[TH] + aw * x[OM] + kb * b + am * x[M] + ag * x[G]
             x[TH] += h * (x[OM] + 0.5 * h * a)
             x[OM] += h * a
-            x[M] *= em
-            x[G] *= eg
+            x[M] *= s[7]
+            x[G] *= s[8]
             x[B] = command[k] + s[0] * off + s[1] * x[V]
             x[V] = s[2] * off + s[3] * x[V]
 
@@ -388,11 +380,9 @@ def ahead(t, z, u, rows, c, levels, sub, X, C, starts, spans, out, variances):
     `spans` (increasing) rows ahead; NaN where not measured or beyond the log.  variances of them, alike, where there
     are covariances C of X."""
     n, wants = len(z), len(C) > 0
-    x, F, s, g = np.zeros(N), np.zeros((2, N + 1)), np.zeros(7), np.zeros(N)
-    P, T = np.zeros((N, N)), np.zeros((N, N))
-    qa = levels[QA] * levels[QA]
-    curved = c[SIN] != 0.0 or c[COS] != 0.0 or c[SQUARE] != 0.0 or c[CUBE] != 0.0 or c[SIGN] != 0.0 or \
-        c[DRAG] != 0.0 or c[CROSS] != 0.0
+    x, F, s, g = np.zeros(N), np.zeros((2, N + 1)), np.zeros(9), np.zeros(N)
+    P, T, A = np.zeros((N, N)), np.zeros((N, N)), np.zeros(N)
+    curved = _is_curved(c)
     out[:] = np.nan
     variances[:] = np.nan
     for i in range(len(starts)):
@@ -405,22 +395,7 @@ def ahead(t, z, u, rows, c, levels, sub, X, C, starts, spans, out, variances):
             if end >= n:
                 break
             while k < end:
-                h = (t[k + 1] - t[k]) / sub
-                if abs(h - s[6]) > 1e-9 * h:
-                    servo_of(c, h, s)
-                em, eg = math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
-                qm = levels[QM] * levels[QM] * (h if math.isinf(c[TAU_M]) else 1.0 - em * em)
-                qg = levels[QG] * levels[QG] * (1.0 - eg * eg)
-                qc = levels[QC] * levels[QC] / h
-                held = max(round(c[HELD] / h), 1)
-                for j in range(sub):
-                    _move(x, u[k, j], h, s, rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], em,
-                          eg, c, curved, F, wants)
-                    if wants:
-                        _spread(P, T, F, s, em, eg, qa, qm, qg, h)
-                        _hold(g, F, s)
-                        if (j + 1) % held == 0 or j + 1 == sub:
-                            _release(P, g, qc / (j % held + 1))
+                _over_row((t[k + 1] - t[k]) / sub, u[k], rows[k], c, levels, curved, wants, x, P, T, F, s, g, A)
                 k += 1
             a = _acceleration(x, rows[k - 1, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], x[B], c,
                               curved)[0]

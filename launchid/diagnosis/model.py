@@ -14,6 +14,7 @@ ARC_MINUTE = 2.9e-4    # rad of nozzle: no thrust is aligned better, so a moment
 SLOW = 20.0            # s, the time of that moment: slow beside the vehicle, several times in a flight
 WIND = 0.005           # rad, rad/sqrt(s): of weather that nobody declared, where its fit begins
 SMOOTH = 20.0          # variance of third differences of white noise
+WEATHER = {"turbulence": ekf.QG, "wind_walk": ekf.QM}   # causes that are a level
 FOLDS, PASSES, BLOCKS = 6, 3, 24   # folds of the score, times that they go round, stretches for standard errors
 CURVES = {"sin(theta)": ekf.SIN, "cos(theta)": ekf.COS, "theta^2": ekf.SQUARE, "theta^3": ekf.CUBE,
           "sign(theta_dot)": ekf.SIGN, "theta*theta_dot": ekf.CROSS, "beta^2": ekf.K2}
@@ -172,7 +173,7 @@ class Model:
         self.levels0, self.spread, self.cap = self._levels()
         self.weather = name
         if name:
-            k = {"turbulence": ekf.QG, "wind_walk": ekf.QM}[name]
+            k = WEATHER[name]
             if name == "wind_walk":
                 self.is_windy, self.tau_m, self.m0 = True, math.inf, WIND
             self.levels0[k], self.spread[k], self.cap[k] = math.log(WIND), 2.0, math.log(40.0)
@@ -254,7 +255,7 @@ class Model:
         shift = command = None
         for shape in self.shapes:
             values = tuple(float(p[at[name]]) for name in shape.names)
-            if not any(values[:shape.linear]):
+            if not any(values[:shape.kind.linear]):
                 continue
             rows[:, 3] *= shape.effectiveness(self, values)
             force, sent, moved = shape.effect(self, values)

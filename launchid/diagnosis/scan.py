@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..sums import along, combined, square
+from ..sums import along, combined
 from .candidates import KINDS, LINES, Kind, lines_in
-from .estimate import Fit, gram, information
+from .estimate import Fit, gram, inverse
 from .model import Model
 
 ENOUGH = 25.0          # squares that a shape must promise: chance gives the best of 400 places 12
@@ -30,72 +30,59 @@ class Found(NamedTuple):
 
 
 class Scanner:
-    """The innovations of a fit, and the projection that takes off what its free numbers can make."""
+    """The innovations of a fit, and the projection that takes off what its free numbers can make: y - J A^-1 J' y."""
 
     def __init__(self, m: Model, fit: Fit) -> None:
-        self.m, self.fit = m, fit
-        self.e = m.white(fit.p)
+        self.m = m
+        e = m.white(fit.p)
         m.settle()
-        self.J = fit.J
-        A = information(m, fit) if fit.free else np.zeros((0, 0))
-        self.inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A))) if fit.free else A
+        self.J = np.ascontiguousarray(fit.J.T)
+        C = inverse(m, fit)
+        self.twice = C @ (gram(fit.J) @ C) - 2.0 * C
+        self.e = e - combined(fit.J, C @ along(fit.J, e))
 
-    def off(self, y: np.ndarray) -> np.ndarray:
-        """What the free numbers cannot make of a column."""
-        return y - combined(self.J, self.inverse @ along(self.J, y)) if self.fit.free else y
-
-    def columns(self, kind: Kind, values: tuple[float, ...]) -> list[np.ndarray]:
-        """The responses (r,) of unit amplitudes."""
-        m, out = self.m, []
+    def columns(self, kind: Kind, values: tuple[float, ...]) -> np.ndarray:
+        """The responses (columns, r) of unit amplitudes."""
+        m = self.m
         none, still = np.zeros(m.n), np.zeros((m.n, 3))
-        for force, command, shift in kind.make(m, *values):
-            out.append(m.respond(none if force is None else force, none if command is None else command,
-                                 still if shift is None else shift))
-        return out
+        return np.array([m.respond(none if force is None else force, none if command is None else command,
+                                   still if shift is None else shift)
+                         for force, command, shift in kind.make(m, *values)])
 
     def tried(self, kind: Kind, values: tuple[float, ...]) -> Found:
-        raw = self.columns(kind, values)
-        Y = np.column_stack([self.off(y) for y in raw])
-        size = np.array([square(y) for y in raw])
-        G, b = gram(Y), -along(Y, self.e)
-        if np.any(np.diag(G) < LOW_OVERLAP * size) or not np.all(np.isfinite(G)):
+        """What a kind saves at these nonlinear values."""
+        Y = self.columns(kind, values)
+        V = np.einsum("kn,cn->ck", self.J, Y)
+        size = np.einsum("cn,dn->cd", Y, Y)
+        G, b = size + V @ self.twice @ V.T, -np.einsum("cn,n->c", Y, self.e)
+        if not np.all(np.isfinite(G)) or np.any(np.diag(G) < LOW_OVERLAP * np.diag(size)):
             return Found(kind, values, np.zeros(len(b)), 0.0)
         G[np.diag_indices_from(G)] *= 1.0 + 1e-9
         sizes = np.linalg.solve(G + 1e-300 * np.eye(len(b)), b)
         return Found(kind, values, sizes, float(b @ sizes) - EACH * (len(b) + len(values) - 1))
 
-    def best(self, kind: Kind) -> Found | None:  # noqa: PLR0912 - a search around the best, by kind of number
+    def best(self, kind: Kind) -> Found | None:
         """The place where a kind promises most."""
         m = self.m
         if not kind.when(m) or not (kind.cause or m.is_flown):
             return None
         starts = kind.starts(m)
         if kind.name in LINES:
-            starts = [x for ch in (1, 0) if np.any(m.channel == ch) for x in lines_in(m, self.off(self.e), ch)]
+            starts = [x for ch in (1, 0) if np.any(m.channel == ch) for x in lines_in(m, self.e, ch)]
         found = [self.tried(kind, values) for values in starts]
         best = max(found, key=lambda each: each.saves, default=None)
         if best is None or not starts[0]:
             return best
+        span, n = float(m.t[-1] - m.t[0]), kind.linear
+        reach = {"time": 0.01 * span, "frequency": 2.0 / span} if n > 1 else {"time": 0.01 * span}
+        shares = {"frequency": 0.12, "damping_ratio": 0.5}
         for scale in (0.5, 0.2, 0.08):       # of the distance to its neighbours
-            for i, value in enumerate(best.values):
-                if kind.parameters[kind.linear + i] == "damping_ratio":
-                    around = [best.values[i] * x for x in (0.5, 0.8, 1.25, 2.0)]
-                elif kind.parameters[kind.linear + i] == "frequency":
-                    width = 2.0 / (m.t[-1] - m.t[0]) if kind.linear > 1 else 0.12 * value
-                    around = [value + x * scale * width for x in (-2.0, -1.0, 1.0, 2.0)]
-                elif kind.parameters[kind.linear + i] == "duration":
-                    around = [value * (1.0 + x * scale) for x in (-0.6, 0.6)]
-                elif kind.parameters[kind.linear + i] == "time":
-                    around = [value + x * scale * 0.02 * (m.t[-1] - m.t[0]) for x in (-1.0, 1.0)]
-                else:
-                    around = [value * (1.0 + 0.3 * x * scale) for x in (-1.0, 1.0)]
-                low, high = kind.bounds[i][1:]
-                for x in around:
+            for i, (name, (_, low, high)) in enumerate(zip(kind.parameters[n:], kind.bounds, strict=True)):
+                away = scale * reach.get(name, shares.get(name, 0.3) * best.values[i])
+                for x in [best.values[i] + part * away for part in (-2.0, -1.0, 1.0, 2.0)]:
                     if low < x < high:
-                        values = (*best.values[:i], float(x), *best.values[i + 1:])
-                        again = self.tried(kind, values)
-                        if again.saves > best.saves:
-                            best = again
+                        again = self.tried(kind, (*best.values[:i], float(x), *best.values[i + 1:]))
+                        best = again if again.saves > best.saves else best
         return best
 
 

@@ -5,10 +5,15 @@ import math
 import numpy as np
 
 from ..sums import along, combined, square
-from .estimate import Fit, at_bound, gram, information, limits
+from .estimate import Fit, at_bound, gram, information, inverse, limits
 from .model import BLOCKS, FOLDS, Model
 
 FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
+
+
+def _once(m: Model) -> set[int]:
+    """Numbers of what happens once."""
+    return {m.index(name) for shape in m.shapes if shape.kind.once for name in shape.names}
 
 
 def left_out(m: Model, fit: Fit) -> np.ndarray:
@@ -30,8 +35,7 @@ def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
     be left out and stays as fitted: its gain must be the larger.
     """
     stuck = set(at_bound(m, fit))
-    events = {m.index(name) for shape in m.shapes if shape.kind.once for name in shape.names}
-    keep = [i for i in range(len(fit.free)) if i not in stuck and fit.free[i] not in events]
+    keep = [i for i in range(len(fit.free)) if i not in stuck and fit.free[i] not in _once(m)]
     if not keep:
         return fit.e.copy(), [fit.p] * FOLDS
     F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, m.white(fit.p, frozen=True)
@@ -98,12 +102,24 @@ def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[floa
     return gain, max(s, white, 1e-9)
 
 
+def covariance(m: Model, fit: Fit, unit: float) -> np.ndarray:
+    """Return the covariance (free, free) of the free numbers: of each the larger variance, by the information or by
+    blocks.  The jackknife over blocks is not too small where there are few of them (CR3: Bell and McCaffrey 2002); what
+    happens once has the sandwich (White 1982), for no other block tells it."""
+    A, C = information(m, fit), inverse(m, fit)
+    keep = [i for i, j in enumerate(fit.free) if j not in _once(m)]
+    G, moved = np.zeros((BLOCKS, len(fit.free))), np.zeros((BLOCKS, len(keep)))
+    for block in range(BLOCKS):
+        J = fit.J[m.block == block]
+        G[block] = along(J, fit.e[m.block == block])
+        rest = A - gram(J) + 1e-9 * np.diag(np.diag(A))
+        moved[block] = np.linalg.solve(rest[np.ix_(keep, keep)], G[block, keep])
+    robust = np.square(G @ C).sum(axis=0)
+    robust[keep] = (BLOCKS - 1.0) / BLOCKS * np.square(moved).sum(axis=0)
+    wider = np.sqrt(np.maximum(robust / (np.diag(C) * unit), 1.0))
+    return unit * C * np.outer(wider, wider)
+
+
 def deviations(m: Model, fit: Fit, unit: float) -> dict[int, float]:
-    """One sigma of each free number: by the information, and by blocks (sandwich; White 1982), the larger."""
-    if not fit.free:
-        return {}
-    A = information(m, fit)
-    inverse = np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
-    G = np.stack([np.bincount(m.block, fit.J[:, i] * fit.e, minlength=BLOCKS) for i in range(len(fit.free))], 1)
-    both = np.maximum(np.diag(inverse) * unit, np.diag(inverse @ (G.T @ G) @ inverse))
-    return dict(zip(fit.free, np.sqrt(both), strict=True))
+    """One sigma of each free number."""
+    return dict(zip(fit.free, np.sqrt(np.diag(covariance(m, fit, unit))), strict=True))

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,16 +14,18 @@ from sim.nominal import Nominal
 
 from ..log.log import Log, flown_log
 from ..log.vehicle import plant_faults
-from ..sums import square
-from .adapter import Reading, read
-from .candidates import KINDS, usual
+from ..sums import along, square
+from .adapter import FEWEST_ROWS, Reading, read
+from .candidates import KINDS, SIGMAS, usual
+from .controller.check import ControllerCheck
 from .elimination import ALIKE_Z, LEAST, Elimination, Kept, Search
-from .estimate import Fit, fit_levels, gauss_newton
+from .estimate import Fit, fit_levels, gauss_newton, gram
 from .gain import Gain, held_out
-from .model import BLOCKS, KINEMATIC, Model, Number, Stopped
+from .model import BLOCKS, KINEMATIC, WEATHER, Model, Number, Stopped
 from .scan import NEAR, Found, scan, with_shape
-from .score import compare, left_out
+from .score import compare, covariance, left_out
 
+LIMITS = ("actuator_rate_limit", "actuator_backlash")
 LATE = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)   # s, delays of a servo that are tried
 FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
 CLEARLY = 20.0         # nats by which weather must be better than causes
@@ -62,7 +64,6 @@ class Result:
     share: float | None = None
     gain: Gain | None = None
     notes: tuple[str, ...] = ()
-    trace: dict[str, Any] = field(default_factory=dict)
     is_cut_short: bool = False
     false_alarms: dict[str, int] | None = None
 
@@ -87,29 +88,21 @@ class Named:
         return {name: std for name, (_, std) in self.parameters.items()}
 
 
-@dataclass(frozen=True)
-class Adequacy:
-    """What speaks against a model by itself."""
-
-    words: tuple[str, ...]
-    where: str | None
-    square: tuple[float, float, float]
-
-
-def adequacy(m: Model, fit: Fit) -> Adequacy:
-    """Whitened errors that go with a signal, are larger than their noise, or are no longer white."""
+def adequacy(m: Model, fit: Fit) -> tuple[list[str], str | None]:
+    """(What speaks against a model by itself, in words; where): whitened errors that go with a signal, are larger than
+    their noise, or are no longer white."""
     e = m.white(fit.p)
     signals = {"the rate": m.motion[:, 1], "the rate's sign": np.sign(m.motion[:, 1]), "the attitude": m.motion[:, 0],
                "the attitude's square": (m.motion[:, 0] - m.motion[:, 0].mean())**2,
                "the input": m.mean_input, "the input's square": (m.mean_input - m.mean_input.mean())**2,
                "time": np.linspace(-1.0, 1.0, m.n)}
-    words, place, square = [], None, []
+    words, place = [], None
     for ch, name in enumerate(("theta", "theta_dot", "beta")):
         mine = m.channel == ch
-        square.append(float(np.mean(e[mine]**2)) if mine.any() else math.nan)
         if mine.sum() < 200:
             continue
         k, x = m.rows[mine], e[mine]
+        size = math.sqrt(np.mean(x * x))
         for what, signal in signals.items():
             s = signal[np.maximum(k - 2, 0)]
             s = s - s.mean()
@@ -121,15 +114,15 @@ def adequacy(m: Model, fit: Fit) -> Adequacy:
                 place = place or ("actuator" if ch == 2 else None)
         if m.is_flown:
             factor = math.exp(m.levels[ch] - m.levels0[ch])
-            if factor * math.sqrt(square[-1]) > LOUD:
-                words.append(f"noise of {name} is {factor * math.sqrt(square[-1]):.1f} times the declared")
+            if factor * size > LOUD:
+                words.append(f"noise of {name} is {factor * size:.1f} times the declared")
                 place = place or ("actuator" if ch == 2 else "sensor")
-            elif square[-1] > WHITE:
-                words.append(f"errors of {name} are {math.sqrt(square[-1]):.2f} times their noise")
+            elif size * size > WHITE:
+                words.append(f"errors of {name} are {size:.2f} times their noise")
                 place = place or ("actuator" if ch == 2 else None)
     if m.is_flown and m.levels[3] - m.levels0[3] > math.log(LOUD):
         words.append(f"noise of the acceleration is {math.exp(m.levels[3] - m.levels0[3]):.1f} times the declared")
-    return Adequacy(tuple(words), place, (square[0], square[1], square[2]))
+    return words, place
 
 
 def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, bootstrap: int = 0,
@@ -157,8 +150,10 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, bootstrap: 
     say("data check")
     reading = read(log, nominal)
     if reading.track is None:
-        verdict = "bad-data" if reading.is_bad else "consistent"
-        return Result(reading, nominal, None, None, verdict, "data" if reading.is_bad else None)
+        if reading.is_bad:
+            return Result(reading, nominal, None, None, "bad-data", "data")
+        return Result(reading, nominal, None, None, "consistent", None,
+                      notes=(f"fewer than {FEWEST_ROWS} rows: nothing could be tested, and nothing is claimed",))
     m = Model(reading.track, noise)
     m.with_numbers(usual(m), [])
     m.brake = time.monotonic() + nominal.diagnosis.time_limit
@@ -174,19 +169,14 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
     """Estimate everything, take away what is not needed, decide."""
     say("everything free")
     notes = frozenset() if m.is_flown else frozenset(m.index(x) for x in KINEMATIC if x in m.names)
-    p, found = everything(m)
+    p = everything(m)
     say("taking away")
-    search = Search(m, notes)
-    el = search.run(p)
-    later = rescan(m, el)
-    if later:
-        q = el.full.p.copy()
-        for each in later:
-            q = with_shape(m, q, each)
-        search = Search(m, notes)
-        el = search.run(q)
+    el = Search(m, notes).run(p)
+    p = with_found(m, el.final, el.full.p)   # shapes that show once the numbers that are not needed are gone
+    if len(p) > len(el.full.p):
+        el = Search(m, notes).run(p)
     say("held-out gain")
-    result = decided(m, reading, nominal, el, [*found, *later])
+    result = decided(m, reading, nominal, el)
     if result.verdict == "unexplained":   # for the unit or the sign of a column, which no cause of the vehicle is
         whole = plant_faults(reading.log, nominal, reading.data.masks)
         result = replace(result, doubts=(*(fault.message for fault in whole), *result.doubts))
@@ -203,67 +193,56 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
     return replace(result, gain=held_out(other, el.nominal, el.final, el.full, nats, is_another=True))
 
 
-def everything(m: Model) -> tuple[np.ndarray, list[Found]]:
-    """The fit with every usual number and what the scan found free; noise levels there."""
-    taken: list[Found] = []
-    p = limited(m, taken) if m.is_commanded and m.is_flown else m.null
-    free = tuple(range(len(m.numbers)))
-    fit = gauss_newton(m, best_delay(m, p), free, frozenset(), 3)
+def everything(m: Model) -> np.ndarray:
+    """The numbers with every usual one and what the scan found free; noise levels there."""
+    start = limited(m) if m.is_commanded and m.is_flown else best_delay(m, m.null)
+    fit = gauss_newton(m, start, tuple(range(len(m.numbers))), frozenset(), 3)
     fit_levels(m, fit.p)
-    fit = gauss_newton(m, fit.p, free, frozenset(), 3)
+    fit = gauss_newton(m, fit.p, fit.free, frozenset(), 3)
     fit_levels(m, fit.p)
     for k in range(MOST_SHAPES):
         if k == 1 and weather(m, fit):
             m.with_numbers(usual(m), [])
-            taken, free = [], tuple(range(len(m.numbers)))
-            fit = gauss_newton(m, m.null, free, frozenset(), 3)
+            fit = gauss_newton(m, m.null, tuple(range(len(m.null))), frozenset(), 3)
             fit_levels(m, fit.p)
-            fit = gauss_newton(m, fit.p, free, frozenset(), 2)
-        there = {each.kind.name for each in taken if not each.kind.once}
-        found = [each for each in scan(m, fit) if each.kind.name not in there]
-        if not found or found[0].saves < FIRST:
+            fit = gauss_newton(m, fit.p, fit.free, frozenset(), 2)
+        p = with_found(m, fit, fit.p, FIRST)
+        if len(p) == len(fit.p):
             break
-        best = [each for each in found if each.saves > NEAR * found[0].saves][:2]
-        p = fit.p
-        for each in best:
-            p = with_shape(m, p, each)
-        taken += best
-        fit = gauss_newton(m, p, tuple(range(len(m.numbers))), frozenset(), 4)
+        fit = gauss_newton(m, p, tuple(range(len(p))), frozenset(), 4)
         fit_levels(m, fit.p, 2)
-    return fit.p, taken
+    return fit.p
 
 
-def limited(m: Model, taken: list[Found]) -> np.ndarray:
+def with_found(m: Model, fit: Fit, p: np.ndarray, least: float = 0.0) -> np.ndarray:
+    """The numbers p with the shapes that promise most beside a fit, at most two; p itself where none does."""
+    there = {shape.kind.name for shape in m.shapes if not shape.kind.once}
+    found = [each for each in scan(m, fit) if each.kind.name not in there]
+    if found and found[0].saves > least:
+        for each in [each for each in found if each.saves > NEAR * found[0].saves][:2]:
+            p = with_shape(m, p, each)
+    return p
+
+
+def limited(m: Model) -> np.ndarray:
     """The numbers to start from: with a rate limit, a play, a delay or a trim where one leaves clearly less than none,
     for a servo so limited or so late, or a vehicle that its trim has lost, is no small forcing of another."""
-    best, plain = None, float((m.white(m.null)**2).sum())
-    late, least = m.null, FAR_LESS * plain
-    if "misalignment" in m.names:
-        fit = gauss_newton(m, m.null, (m.index("misalignment"),))
-        left = float((fit.e**2).sum())
-        if left < least:
-            late, least = fit.p, left
-    for delay in LATE:
-        q = m.null.copy()
-        q[m.index("delay")] += delay
-        left = float((m.white(q)**2).sum())
-        if left < least:
-            late, least = q, left
-    for kind in KINDS:
-        if kind.name not in ("actuator_rate_limit", "actuator_backlash") or not kind.when(m):
-            continue
-        shape = kind.shape(0)
+    plain = square(m.white(m.null))
+    late = np.repeat(m.null[None], len(LATE), axis=0)
+    late[:, m.index("delay")] += LATE
+    trimmed = [gauss_newton(m, m.null, (m.index("misalignment"),)).p] if "misalignment" in m.names else []
+    least, p = min(((square(m.white(q)), q) for q in (*late, *trimmed)), key=lambda each: each[0])
+    best = None
+    for kind in (kind for kind in KINDS if kind.name in LIMITS and kind.when(m)):
         for values in kind.starts(m):
-            found = Found(kind, values, np.ones(1), 0.0)
-            q = with_shape(m, m.null, found)
-            left = float((m.white(q)**2).sum())
-            m.with_numbers([each for each in m.numbers if each.name not in shape.names], [])
-            if left < least and (best is None or left < best[0]):
-                best = (left, found._replace(saves=plain - left))
-    if best is None:
-        return late
-    taken.append(best[1])
-    return with_shape(m, m.null, best[1])
+            found, table = Found(kind, values, np.ones(1), plain), m.numbers
+            left = square(m.white(with_shape(m, m.null, found)))
+            m.with_numbers(table, [])
+            if left < least:
+                least, best = left, found
+    if not least < FAR_LESS * plain:
+        return m.null
+    return with_shape(m, m.null, best) if best is not None else p
 
 
 def likelihood(m: Model, e: np.ndarray) -> float:
@@ -282,7 +261,7 @@ def weather(m: Model, fit: Fit) -> str:
     m.with_numbers(usual(m), [])
     band = frozenset(j for j, each in enumerate(m.numbers) if each.tol > 0.0)
     best = ("", all_else + CLEARLY)
-    for name in ("turbulence", "wind_walk"):
+    for name in WEATHER:
         m.in_weather(name)
         alone = gauss_newton(m, m.null, tuple(sorted(band)), band, 2)
         fit_levels(m, alone.p, 4)
@@ -315,92 +294,75 @@ def best_delay(m: Model, p: np.ndarray) -> np.ndarray:
     return best
 
 
-def rescan(m: Model, el: Elimination) -> list[Found]:
-    """Shapes that show once the numbers that are not needed are gone."""
-    m.white(el.final.p)
-    there = {shape.kind.name for shape in m.shapes}
-    found = [each for each in scan(m, el.final) if each.kind.name not in there or each.kind.once]
-    return [each for each in found if each.saves > NEAR * found[0].saves][:2]
-
-
-def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination, found: list[Found]) -> Result:
+def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Result:
     """The verdict, a function of estimate, scores and adequacy."""
     nats = 0.5 * (square(el.e_nominal) - square(el.e_final))
     gain = held_out(m, el.nominal, el.final, el.full, nats)
-    mine = adequacy(m, el.final)
+    inadequate, misfit = adequacy(m, el.final)
     controller = reading.controller
-    listed = [k for k in el.kept if cause_of(m, k.group.name) and not may_be_a_drift(m, el, k)]
+    others = {k.group.name: why for k in el.kept if (why := other_shape(m, el, k))}
+    listed = [k for k in el.kept if cause_of(m, k.group.name) and k.group.name not in others]
     unlisted = [k for k in el.kept if k not in listed]
     notes = tuple(noted(m, el))
     words = []
+    for k in tuple(listed):
+        if why := no_cause(m, el, k, controller):
+            listed.remove(k)
+            words.append(why)
     of_input = [k for k in listed if k.group.name.partition("#")[0] in INPUT]
     if not m.is_flown and of_input and not acts(m, el):
         listed = [k for k in listed if k not in of_input]
-        notes += ("the input of another time explains as much: nothing is said of it",)
-        words.append("the input of another time explains as much as the log's own")
-    for k, why in [(k, why) for k in listed if (why := no_cause(m, el, k))]:
-        listed.remove(k)
-        words.append(why)
-    names = [each for k in listed for each in named_of(m, el, k)]
-    if m.weather:
-        level = {"turbulence": 6, "wind_walk": 5}[m.weather]
-        given: dict[str, tuple[Any, float | None]] = {"level": (math.exp(m.levels[level]), None)}
-        if m.weather == "turbulence":
-            given["time_constant"] = (m.tau_g, None)
-        names.append(Named(m.weather, "environment", given,
-                           ("wind_walk" if m.weather == "turbulence" else "turbulence",), math.nan, math.nan))
-    if controller is not None and controller.is_named:
-        names.insert(0, Named("controller_mismatch", "controller", {
-            "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
-            "delay": (controller.delay, controller.std[2])}, (), controller.evidence, math.nan))
-    doubts = ["an attitude reference that drifts explains as much as a gyro_bias: another reference would decide"
-              if k.group.name == "gyro_bias" else
+        words.append("the input of another time explains as much as the log's own: nothing is said of it")
+    names = [*named_beside(m, controller), *(each for k in listed for each in named_of(m, el, k))]
+    doubts = [others.get(k.group.name) or
               f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause"
               for k in unlisted]
     where = place_of(m, unlisted[0].group.name) if unlisted else None
     is_foreign = controller is not None and controller.is_foreign
-    if controller is not None and controller.is_foreign:
+    if controller is not None and is_foreign:
         doubts.insert(0, f"the command is not the nominal controller's: {controller.words}")
         where = "controller"
-    against = [*doubts, *words, *mine.words]
+    against = [*doubts, *words, *inadequate]
     if not m.is_flown:
         against += strangers(m, el, gain)
-    trace = {
-        "kept": [(k.group.name, round(k.gain, 1), round(k.error, 1), round(k.share, 3), k.alike) for k in el.kept],
-        "found": [(f.kind.name, f.values, round(f.saves, 1)) for f in found], "square": mine.square,
-        "levels": np.exp(m.levels - m.levels0).round(2).tolist(), "removable": el.removable, "unit": el.unit,
-        "left": gain.share, "floor": gain.floor}
 
     def result(verdict: str, where: str | None, **more: Any) -> Result:
-        return Result(reading, nominal, m, el, verdict, where, notes=notes, trace=trace, gain=gain, **more)
+        return Result(reading, nominal, m, el, verdict, where, notes=notes, gain=gain, **more)
 
-    if not names and not against:
+    if not (names or against or el.kept):
         return result("consistent", None)
     saved = sum(k.gain for k in listed)
     odd = sum(k.gain for k in unlisted)
     short = 2.0 * nats < HALF * el.removable
-    noises = sum("noise of" in words for words in mine.words)
+    noises = sum("noise of" in each for each in inadequate)
     loud = m.is_flown and (noises > 1 or (noises == 1 and gain.share > QUIET))
     nearest = tuple(names)
-    place_of_misfit = where or mine.where or (names[0].where if names else None) or "plant"
+    place_of_misfit = where or misfit or (names[0].where if names else None) or "plant"
     poor = bool(listed) and bool(against) and (gain.share > LEFT or short or loud)
     if is_foreign or not names or (odd > ODD * saved and unlisted) or poor:
         return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
     if against:
         sure = [k for k in listed if k.share > SURE]
-        names = [each for each in names if any(each.nats == 0.5 * k.gain for k in sure)]
-        if not names or sum(k.share for k in listed) > BETWEEN_THEM:
+        names = [each for each in names if each.where == "controller" or
+                 any(each.nats == 0.5 * k.gain for k in sure)]
+        if not names or sum(k.share for k in el.kept) > BETWEEN_THEM:
             return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
         return result("dominant", names[0].where, named=tuple(names), remaining=tuple(against), share=gain.share,
-                      remaining_where=where or mine.where)
+                      remaining_where=where or misfit)
     return result("explained", names[0].where, named=tuple(names))
 
 
-def may_be_a_drift(m: Model, el: Elimination, k: Kept) -> bool:
-    """Whether an attitude that drifts does as well as a gyro's bias: it parts the columns as that does, and only the
-    moment of the drift that the vehicle feels, which a slow disturbance may be too, tells the two apart."""
-    if k.group.name != "gyro_bias" or not m.is_flown:
-        return False
+def other_shape(m: Model, el: Elimination, k: Kept) -> str:
+    """The shape in no list that a kept number may be as well, in words; "": none.
+
+    An attitude that drifts parts the columns as a gyro's bias does, and only the moment of the drift that the vehicle
+    feels, which a slow disturbance may be too, tells the two apart.  A disturbance that weather leaves is neither.
+    """
+    name = k.group.name.partition("#")[0]
+    if m.weather and name != k.group.name and place_of(m, k.group.name) == "environment":
+        return f"what {m.weather} leaves of the disturbance is like a {name}: it is neither"
+    if name != "gyro_bias" or not m.is_flown:
+        return ""
     table, bias = (m.numbers, m.shapes), m.index("gyro_bias")
     drift = next(kind for kind in KINDS if kind.name == "attitude_walk")
     p = with_shape(m, k.without, Found(drift, (), np.zeros(1), 0.0))
@@ -409,7 +371,25 @@ def may_be_a_drift(m: Model, el: Elimination, k: Kept) -> bool:
     costs, error = compare(m, left_out(m, fit), el.e_final, el.unit)
     m.with_numbers(*table)
     m.white(el.final.p)
-    return costs < ALIKE_Z * error
+    return "an attitude reference that drifts explains as much as a gyro_bias: another reference would decide" \
+        if costs < ALIKE_Z * error else ""
+
+
+def is_rest(m: Model, el: Elimination, k: Kept, largest: Kept) -> bool:
+    """Whether a number is what the largest cause leaves by not being the same along the log: where that changes with
+    time and its square, by as much as itself, the number is not needed."""
+    if k is largest or k.group.is_event or largest.group.is_event:
+        return False
+    fit, of = el.final, largest.group.numbers[:largest.group.linear]
+    off, tau = (fit.p - m.null)[list(fit.free)], np.linspace(-1.0, 1.0, m.n)[m.rows]
+    J = np.column_stack([fit.J, *(fit.J[:, fit.at(j)] * by for j in of for by in (tau, tau**2))])
+    sizes = [abs(fit.p[j] - m.null[j]) + 1e-12 for j in of for _ in range(2)]
+    prior = np.concatenate([m.prior[list(fit.free)], sizes])**-2.0
+    C = np.linalg.inv(gram(J) + np.diag(prior))
+    moved = -C @ (along(J, fit.e) + prior * np.append(off, np.zeros(len(sizes))))
+    at = [fit.at(j) for j in k.group.numbers[:k.group.linear]]
+    left = off[at] + moved[at]
+    return float(left @ np.linalg.solve(C[np.ix_(at, at)], left)) < LEAST * len(at)
 
 
 def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
@@ -464,7 +444,7 @@ def acts(m: Model, el: Elimination) -> bool:
 def cause_of(m: Model, name: str) -> str:
     """The contract's cause of a group; "" for a shape that is in no list."""
     if "#" in name:
-        return next(s.cause for s in m.shapes if s.names[0].startswith(name + "."))
+        return next(s.kind.cause for s in m.shapes if s.names[0].startswith(name + "."))
     return m.numbers[m.index(name)].cause
 
 
@@ -477,15 +457,24 @@ def place_of(m: Model, name: str) -> str:
 ALIKE = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias")}
 
 
-def no_cause(m: Model, el: Elimination, k: Kept) -> str:
-    """Why a number that is kept is no cause: a scale of the other sign is a convention of the log or of the nominal, at
-    the end of its range nothing is estimated; "": neither."""
-    j = k.group.numbers[0]
+def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | None) -> str:
+    """Why a number that is kept is no cause; "": it may be one.
+
+    A scale of the other sign is a convention of the log or of the nominal; at the end of its range nothing is
+    estimated; commands between rows that a found controller made tell nothing of the servo; and what another cause
+    leaves by not being the same along the log is that cause's.
+    """
+    j, name = k.group.numbers[0], k.group.name.partition("#")[0]
     number, value = m.numbers[j], el.final.p[j]
     if number.parameter == "scale" and not value > 0.0:
-        return f"{number.name} has the opposite sign: a convention, or a wrong nominal"
+        return f"{name} has the opposite sign: a convention, or a wrong nominal"
     if number.name == k.group.name and (value <= m.low[j] + 1e-9 or value >= m.high[j] - 1e-9):
-        return f"{number.name} would be {value:.3g}, the end of its range, or beyond: something else is wrong"
+        return f"{name} would be {value:.3g}, the end of its range, or beyond: something else is wrong"
+    if controller is not None and controller.is_named and m.unsure > 0.0 and place_of(m, k.group.name) == "actuator":
+        return f"{name}: the commands between the rows are another controller's, and tell nothing of the servo"
+    largest = max(el.kept, key=lambda each: each.gain)
+    if is_rest(m, el, k, largest):
+        return f"{name} may be what {largest.group.name.partition('#')[0]} leaves by not being the same along the log"
     return ""
 
 
@@ -495,13 +484,30 @@ def beside(m: Model, number: Number, value: float) -> float:
     return value if own is None else value / own if number.parameter == "scale" else value - own
 
 
+def named_beside(m: Model, controller: ControllerCheck | None) -> list[Named]:
+    """What is found without a number of the fit: another controller, weather."""
+    found = []
+    if controller is not None and controller.is_named:
+        found.append(Named("controller_mismatch", "controller", {
+            "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
+            "delay": (controller.delay, controller.std[2])}, (), controller.evidence, math.nan))
+    if m.weather:
+        given: dict[str, tuple[Any, float | None]] = {"level": (math.exp(m.levels[WEATHER[m.weather]]), None)}
+        if m.weather == "turbulence":
+            given["time_constant"] = (m.tau_g, None)
+        found.append(Named(m.weather, "environment", given, tuple(WEATHER.keys() - {m.weather}), math.nan, math.nan))
+    return found
+
+
 def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
-    """A kept group in the contract's words; a sine in the place of the angle is two terms."""
+    """A kept group in the contract's words; a sine in the place of the angle is two terms; and a servo that is later
+    and slower is one thing, of a form that is neither: an either-set, and the scale that is as late as both."""
     cause = cause_of(m, k.group.name)
     values: dict[str, tuple[Any, float | None]] = {}
     for j in k.group.numbers:
-        number = m.numbers[j]
-        values[number.parameter] = (beside(m, number, float(el.final.p[j])), k.std.get(j))
+        number, value, std = m.numbers[j], float(el.final.p[j]), k.std.get(j)
+        part = number.tol / SIGMAS * (abs(value) if number.parameter == "scale" else 1.0)   # that is nobody's fault
+        values[number.parameter] = (beside(m, number, value), None if std is None else math.hypot(std, part))
     if cause == "missing_term":
         number = m.numbers[k.group.numbers[0]]
         value = float(el.final.p[k.group.numbers[0]]) - number.null
@@ -515,13 +521,28 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
     if cause == "input_washout":
         v, std = values["time_constant"]
         values = {"time_constant": (1.0 / v if v else math.inf, (std or 0.0) / v**2 if v else None)}
+    late = {"delay", "bandwidth"} <= {each.group.name for each in el.kept}
+    if late and k.group.name == "delay":
+        return []          # it is said with the bandwidth
+    if late and k.group.name == "bandwidth":
+        (value, std), delay = values["scale"], m.index("delay")
+        scale = m.servo.lag / (m.servo.lag / value + float(el.final.p[delay] - m.null[delay]))
+        if abs(scale - 1.0) < max(m.tol[k.group.numbers[0]], 2.0 * (std or 0.0)):
+            return []      # they undo one another
+        values = {"scale": (scale, std)}
     if cause == "actuator_bandwidth" and "lag" in values:
-        values = {"scale": (m.servo.lag / (m.servo.lag + values["lag"][0]), None)}
+        lag, std = values["lag"]
+        scale = m.servo.lag / (m.servo.lag + lag)
+        values = {"scale": (scale, None if std is None else scale / (m.servo.lag + lag) * std)}
     if "share" in values:
-        share = values.pop("share")[0]
+        share, width = (float(el.final.p[j]) for j in k.group.numbers)
+        values.pop("share")
         if cause == "actuator_backlash":
-            values = {"half_width": (share * values["half_width"][0], values["half_width"][1])}
+            at = [el.final.at(j) for j in k.group.numbers]
+            C, slope = covariance(m, el.final, el.unit)[np.ix_(at, at)], np.array([width, share])
+            values = {"half_width": (share * width, math.sqrt(slope @ C @ slope))}
     alike = {cause_of(m, other) for other in k.alike} - {""} | set(ALIKE.get(k.group.name, ()))
+    alike |= {"actuator_delay"} if late and k.group.name == "bandwidth" else set()
     if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.is_flown:
         cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}
     named = Named(cause, CATALOGUE[cause].where, values, tuple(sorted(alike - {cause})), 0.5 * k.gain, k.share)

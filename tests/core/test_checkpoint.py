@@ -93,6 +93,15 @@ def test_from_every_sample_of_three_windows_it_goes_on_to_the_same_bits(name, sa
         assert one.changes() or name == "wind"
 
 
+def test_what_is_saved_before_the_first_sample_is_a_reset():
+    estimator = Estimator(CONFIGS["integral"])
+    new = estimator.save()
+    fed(estimator, [Sample(PERIOD * k, 0.1 * k, 0.0, 0.2) for k in range(60)])
+    assert estimator.save() != new
+    estimator.reset()
+    assert estimator.save() == new
+
+
 def test_save_changes_nothing_and_a_refused_restore_neither(samples):
     one, two = (fed(Estimator(CONFIGS["calm"]), samples["calm"][:333]) for _ in range(2))
     state = one.save()
@@ -125,6 +134,12 @@ def test_every_flipped_bit_is_seen(bit):
         estimator.restore(bytes(state))
 
 
+@pytest.mark.parametrize("saved", [b"", b"launchid", b"\x80\x04K\x01.", b"x" * 4096])
+def test_bytes_of_something_else_are_refused(saved):
+    with pytest.raises(ValueError, match="do not begin as a saved estimator"):
+        Estimator(CONFIGS["integral"]).restore(saved)
+
+
 @pytest.mark.parametrize(("changed", "named"), [
     ({"window": 0.5}, "window"), ({"seed": 8}, "seed"), ({"library": "quadratic"}, "library"),
     ({"solver": "sr3"}, "solver"), ({"threshold": 0.25}, "threshold"), ({"theta_limit": 99.0}, "theta_limit"),
@@ -141,6 +156,13 @@ def test_another_model_is_refused_with_its_field():
     wider = dataclasses.replace(model, theta_std=np.nextafter(model.theta_std, 1.0))
     with pytest.raises(ValueError, match=r"another model\.theta_std$"):
         Estimator(dataclasses.replace(CONFIGS["calm"], model=wider)).restore(state)
+
+
+def test_the_same_library_by_another_name_is_the_same_configuration():
+    state = fed(Estimator(config(library="rigid-body")), [Sample(0.0, 0.1, 0.2, 0.3)]).save()
+    other = Estimator(config(library=("theta", "beta")))
+    other.restore(state)
+    assert other.counts["ACCEPTED"] == 1
 
 
 def signed(state: bytes) -> bytes:

@@ -36,6 +36,11 @@ def test_keeps_as_many_usable_rows_as_asked_in_order(usable, p, seed):
     assert 1 <= state < MODULUS
 
 
+@given(st.lists(st.integers(0, 1), max_size=60), st.integers(0, 60), seeds)
+def test_same_seed_same_rows(usable, p, seed):
+    assert chosen(usable, p, first_state(seed)) == chosen(usable, p, first_state(seed))
+
+
 @given(st.lists(st.integers(0, 1), max_size=30), st.lists(st.integers(0, 1), max_size=9), st.integers(0, 30), seeds)
 def test_rows_beyond_n_do_not_count(usable, beyond, p, seed):
     state = first_state(seed)
@@ -53,6 +58,11 @@ def test_a_window_has_no_more_rows_than_the_generator_skips_at_once():
     assert MAX_ROWS < 2 ** compress.DRAWS
     _, state = chosen([1] * MAX_ROWS, MAX_ROWS, 1)
     assert state == pow(MULTIPLIER, MAX_ROWS, MODULUS)
+
+
+@given(seeds)
+def test_state_of_any_seed_is_one_of_the_generator(seed):
+    assert 1 <= first_state(seed) < MODULUS
 
 
 @given(seeds)
@@ -79,6 +89,33 @@ def test_every_row_is_kept_equally_often(source):
         rows, state = chosen([1] * n, p, state)
         draws.append(rows)
     assert 17.26 < inclusion_statistic(draws, n, p) < 72.05
+
+
+# ---------------------------------------------------------------- degenerate cases
+
+
+def test_no_rows():
+    assert chosen([], 3, 1) == ([], 1)
+
+
+def test_nothing_wanted():
+    assert chosen([1, 1, 1], 0, 1)[0] == []
+
+
+def test_nothing_usable():
+    assert chosen([0, 0, 0], 2, 5) == ([], 5)
+
+
+def test_all_rows_wanted():
+    assert chosen([1, 0, 1, 1], 3, 1)[0] == [0, 2, 3]
+
+
+def test_more_rows_wanted_than_there_are():
+    assert chosen([1, 0, 1, 1], 99, 1)[0] == [0, 2, 3]
+
+
+def test_seed_zero_gives_a_state():
+    assert 1 <= first_state(0) < MODULUS
 
 
 # ---------------------------------------------------------------- textbook numbers

@@ -47,6 +47,13 @@ def test_exact_on_polynomials_of_degree_one_less_than_the_stencil(time, coeffici
     assert np.all(np.abs(slopes(time, x) - wanted) <= 200 * EPS * (np.max(np.abs(x)) + 1) / STEP)
 
 
+@given(clocks(low=2), st.data())
+def test_scaling_values_by_a_power_of_two_is_exact(time, data):
+    x = np.array(data.draw(st.lists(st.floats(-1, 1).map(lambda v: round(v, 6)), min_size=time.size,
+                                    max_size=time.size)))
+    assert np.array_equal(slopes(time, 8 * x), 8 * slopes(time, x))
+
+
 @pytest.mark.parametrize("where", ["inside", "at the ends"])
 def test_fourth_order_on_a_sine(where):
     """Halving every step divides the error by 2^4, on an unevenly spaced grid."""
@@ -89,6 +96,25 @@ def test_segments_are_numbered_in_order_and_their_gaps_counted(steps, max_steps)
 # ---------------------------------------------------------------- degenerate cases
 
 
+def test_segment_of_one_row_has_no_slope():
+    slope = slopes([0.0, 10.0, 10.5, 20.0], [1.0, 2.0, 4.0, 7.0])
+    assert np.array_equal(slope, [np.nan, 4.0, 4.0, np.nan], equal_nan=True)
+
+
+def test_segment_of_two_rows_is_a_line():
+    assert np.array_equal(slopes([0.0, 0.25], [1.0, 2.0]), [4.0, 4.0])
+
+
+def test_segment_of_three_rows_is_a_parabola():
+    time = np.array([0.0, 0.25, 1.0])
+    assert np.array_equal(slopes(time, 3 * time**2 - time), 6 * time - 1)
+
+
+def test_segment_of_four_rows_is_a_cubic():
+    time = np.array([0.0, 0.25, 0.5, 1.0])
+    assert np.array_equal(slopes(time, 2 * time**3), 6 * time**2)
+
+
 def test_a_step_of_exactly_the_largest_gap_is_none():
     segment = np.zeros(3, np.int64)
     assert mark_segments(np.array([0.0, 0.5, 1.25]), 3, 0.5, segment) == 1
@@ -125,6 +151,14 @@ def test_five_point_weights(row, weights):
     assert np.allclose(12 * np.array(found), weights, rtol=0.0, atol=64 * EPS)
 
 
+def test_rows_inside_a_longer_segment_use_the_central_weights():
+    found = np.array([slopes(np.arange(9.0), impulse) for impulse in np.eye(9)]).T
+    for row in range(2, 7):
+        wanted = np.zeros(9)
+        wanted[row - 2:row + 3] = 1, -8, 0, 8, -1
+        assert np.allclose(12 * found[row], wanted, rtol=0.0, atol=64 * EPS)
+
+
 def test_what_the_fifth_point_adds_is_the_difference_from_the_cubic():
     """The fifth point adds, at the middle of five rows, the slope less that of the cubic through the first four."""
     time, x = np.array([0.0, 1.0, 2.0, 3.0, 4.0]), np.array([0.0, 1.0, 5.0, 2.0, -7.0])
@@ -132,3 +166,9 @@ def test_what_the_fifth_point_adds_is_the_difference_from_the_cubic():
     differentiate(time, x, 5, np.zeros(5, np.int64), slope, fifth)
     cubic = np.polyder(np.poly1d(np.polyfit(time[:4], x[:4], 3)))
     assert fifth[2] == pytest.approx(slope[2] - cubic(2.0), rel=1e-9)
+
+
+def test_a_short_segment_has_no_fifth_point():
+    fifth = np.full(4, 7.0)
+    differentiate(np.arange(4.0), np.arange(4.0) ** 3, 4, np.zeros(4, np.int64), np.empty(4), fifth)
+    assert fifth.tolist() == [0.0] * 4

@@ -20,8 +20,8 @@ from launchid.identification.windows import onboard_model
 from launchid_core import FORMULATIONS, SOLVERS, Config, Estimate, EstimateStatus, Estimator, Sample, Status, kernels
 from launchid_core.gate import ring as rb
 from launchid_core.order.entries import entries_of
+from sim.flight import fly_whole
 from sim.nominal import load_nominal
-from sim.sections import Offsets, Wind
 
 NAN, INF = math.nan, math.inf
 JIT = not numba.config.DISABLE_JIT
@@ -196,6 +196,13 @@ def test_what_the_library_lacks_is_nan_and_what_is_cut_is_zero():
 
 
 @pytest.mark.parametrize("formulation", REGRESSIONS)
+@given(a6=a6_values, k1=k1_values)
+def test_theta_that_is_always_zero_is_rank(formulation, a6, k1):
+    samples = [s._replace(theta=0.0, theta_dot=0.0, theta_ddot=k1 * s.beta) for s in flight(a6, k1, 64)]
+    assert_refused(one(config_of(formulation, 64), samples), EstimateStatus.RANK)
+
+
+@pytest.mark.parametrize("formulation", REGRESSIONS)
 def test_nothing_moves_is_rank(formulation):
     samples = [Sample(k * PERIOD, 0.0, 0.0, 0.0, 0.0) for k in range(64)]
     assert_refused(one(config_of(formulation, 64), samples), EstimateStatus.RANK)
@@ -315,6 +322,12 @@ def test_same_samples_same_bits_and_reset_is_as_new(formulation):
     assert [bits(e) for e in first] == [bits(e) for e in again] == [bits(e) for e in after]
 
 
+def test_seed_chooses_the_rows():
+    samples = [s._replace(theta_ddot=s.theta_ddot + 1e-3 * math.sin(1e4 * s.t)) for s in flight(2.0, -7.0, 64)]
+    estimates = [one(config_of("measured", 64, compression=4, seed=seed), samples) for seed in (0, 0, 1)]
+    assert bits(estimates[0]) == bits(estimates[1]) != bits(estimates[2])
+
+
 def test_two_estimators_in_two_threads_are_as_one_after_the_other():
     logs = [flight(2.0, -7.0, 512), flight(-3.0, -2.0, 512)]
     config = config_of("integral", 32)
@@ -330,6 +343,14 @@ def test_two_estimators_in_two_threads_are_as_one_after_the_other():
     for thread in threads:
         thread.join()
     assert parallel == serial
+
+
+def test_no_estimate_before_the_first_window():
+    estimator = Estimator(config_of("measured", 64))
+    assert estimator.estimate() is None
+    for sample in flight(2.0, -7.0, 63):
+        assert estimator.update(sample) is Status.ACCEPTED
+    assert estimator.estimate() is None
 
 
 def test_estimate_is_read_only_and_detached():
@@ -411,6 +432,25 @@ def test_largest_t_limit_keeps_windows_around_their_samples():
             assert 0.0 <= estimator.estimate().t_start <= t
 
 
+@pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: thousands of samples through the predictor take minutes")
+@pytest.mark.parametrize("channel", ["theta", "theta_dot", "beta"])
+@pytest.mark.parametrize("size", [0.0, 0.01, 0.1, 1.0])
+def test_filtered_forgets_one_outlier_within_the_ranges(channel, size):
+    """The ten windows after it may be refused; then estimates are valid again, and nothing valid is far off."""
+    nominal = load_nominal("constant")
+    config = Config(window=1.0, sample_period=0.01, formulation="filtered", model=onboard_model(nominal))
+    estimator = Estimator(config)
+    estimates = []
+    for k, sample in enumerate(fly_whole(nominal, 1).samples()):
+        hit = sample._replace(**{channel: getattr(sample, channel) + size}) if k == 1000 else sample
+        if estimator.update(hit) is Status.WINDOW_COMPLETE:
+            estimates.append(estimator.estimate())
+    assert len(estimates) == 70
+    assert all(e.valid and e.tracked.valid for e in estimates[20:])
+    assert all(abs(e.tracked.a6 - 2.0) < 6 * e.tracked.a6_std for e in estimates if e.tracked.valid)
+    assert all(0.1 < level < 10.0 for level in estimator.noise_levels.values())
+
+
 # ---- metamorphic: bit for bit
 
 
@@ -479,6 +519,23 @@ def test_units_scaled_by_a_power_of_two_keep_every_bit(formulation, library, pow
     here = one(config, samples)
     there = one(config, transformed(samples, lambda s: Sample(s.t, *(unit * x for x in s[1:5]))))
     assert here.valid and bits(there) == bits(here)
+
+
+@given(power=hs.integers(-20, 8))
+def test_beta_in_other_units_moves_k1_alone(power):
+    unit = 2.0**power
+    config = config_of("measured", 64, threshold=0.0)
+    here, there = one(config, jagged()), one(config, transformed(jagged(), lambda s: s._replace(beta=unit * s.beta)))
+    assert (there.a6, there.k1 * unit, there.condition) == (here.a6, here.k1, here.condition)
+
+
+@given(time=hs.integers(-6, 6))
+def test_time_in_other_units_scales_a6_and_k1_by_its_square(time):
+    unit = 2.0**time
+    here = one(config_of("integral", 64, threshold=0.0), jagged())
+    changed = [Sample(unit * s.t, s.theta, s.theta_dot / unit, s.beta) for s in jagged()]
+    there = one(config_of("integral", 64, unit * PERIOD, threshold=0.0), changed)
+    assert (there.a6 * unit**2, there.k1 * unit**2) == (here.a6, here.k1)
 
 
 # ---- nothing is compiled or allocated in flight
@@ -551,14 +608,10 @@ def flown(estimator: Estimator, samples: np.ndarray) -> int:
     ("measured", "quadratic", "stls"), ("difference", "lpv", "sr3"), ("difference", "quadratic+sin", "ssr"),
     ("measured", "linear", "lasso"), ("integral", "quadratic", "stls"), ("integral", "linear", "sr3"),
     ("filtered", "rigid-body", "stls"), ("filtered", "quadratic", "stls"), ("ranged", "rigid-body", "stls"),
-    ("wind", "rigid-body", "stls"),
     pytest.param("ranged", "quadratic", "stls", marks=pytest.mark.campaign)])  # a build of its own: 15 s
 def test_a_flight_allocates_nothing(allocations, formulation, library, solver):
-    rows, filtered, nominal = 32, formulation in ("filtered", "ranged", "wind"), load_nominal("constant")
-    if formulation == "wind":
-        nominal = dataclasses.replace(nominal, wind=Wind(walk=0.005, turbulence=0.005),
-                                      offsets=Offsets(thrust_misalignment=0.004, gyro_bias=1e-3))
-    model = onboard_model(nominal)
+    rows, filtered = 32, formulation in ("filtered", "ranged")
+    model = onboard_model(load_nominal("constant"))
     if formulation == "ranged":
         model = dataclasses.replace(model, sigma_t=(0.0,), sigma_a6=(0.25,), sigma_k1=(0.25,))
     config = config_of("filtered" if filtered else formulation, rows, library=library, solver=solver,
@@ -631,6 +684,13 @@ def test_what_the_filter_cannot_do_is_refused_by_name(changes, named):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("value", ["theta,theta", "theta^6", "theta*theta^5", "sin(theta)*cos(beta)", "sin(tau)"])
+def test_wrong_library_is_named_with_its_term(value):
+    with pytest.raises(ValueError, match="library") as caught:
+        Config(library=value)
+    assert repr(value) in str(caught.value)
+
+
 @pytest.mark.parametrize(("field", "value"), [
     pytest.param("library", None, id="library None"), pytest.param("library", 5, id="library 5"),
     pytest.param("library", ("theta", 3), id="library with a number"), pytest.param("library", b"theta", id="bytes"),
@@ -640,6 +700,25 @@ def test_what_the_filter_cannot_do_is_refused_by_name(changes, named):
 def test_wrong_type_is_a_value_error_too(field, value):
     with pytest.raises(ValueError, match=field):
         Config(**{field: value})
+
+
+def test_config_is_frozen_and_keyword_only():
+    config = Config()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        config.window = 2.0
+    with pytest.raises(TypeError):
+        Config(1.0)
+
+
+def test_rows_follow_the_contract():
+    config = Config(window=0.3, sample_period=0.001, compression=7)
+    assert (config.rows, config.kept_rows) == (300, 42)
+    assert Config(window=1.0, sample_period=0.15).rows == 7  # 6.67
+
+
+@pytest.mark.parametrize("library", [["theta", "beta"], ("theta", "beta"), "theta, beta", "rigid-body"])
+def test_library_by_name_list_or_tuple_is_the_same(library):
+    assert Config(library=library).terms == ("theta", "beta")
 
 
 @pytest.mark.parametrize("other", [None, 5, "a", (1.0, 2.0), (0.0, "a", None, 1.0, 1.0, 1.0, 1.0)])

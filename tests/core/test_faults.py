@@ -10,20 +10,26 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable
 
+import numba
 import numpy as np
 import pytest
 from cut import flip, persisting
 from sealed import reseal
+from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core.gate import ring as rb
+from launchid_core.order import onboard as ob
 from launchid_core.order.memory import named_arrays
+from launchid_core.watch import tracker as tr
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 from sim.sections import Offsets, Wind
 
+is_sound = unjitted(ob.is_sound)
 NAN, INF = math.nan, math.inf
+JIT = not numba.config.DISABLE_JIT
 PERIOD = 0.01
 CONSTANT = load_nominal("constant")
 IN_WIND = dataclasses.replace(CONSTANT, wind=Wind(walk=0.005, turbulence=0.005),
@@ -311,6 +317,7 @@ def test_a_sensor_at_its_end_stop_is_not_stuck():
     assert fly(config(), rows).counted["STUCK"] == 1
 
 
+@pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: thousands of samples through the predictor take minutes")
 @pytest.mark.parametrize("channel", ["theta", "theta_dot", "beta"])
 @pytest.mark.parametrize("size", [1e-3, 1e-2, 0.1, 1.0, 30.0])
 def test_one_spike_is_left_out_or_harmless(channel, size):
@@ -326,6 +333,7 @@ def test_one_spike_is_left_out_or_harmless(channel, size):
         assert repr((one.status, one.a6, one.k1)) == repr((two.status, two.a6, two.k1))
 
 
+@pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: thousands of samples through the predictor take minutes")
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.2, 0.5])
 @pytest.mark.parametrize("channel", ["theta", "theta_dot"])
 def test_bursts_of_spikes_are_left_out_or_flagged_and_then_forgotten(channel, share):
@@ -339,6 +347,7 @@ def test_bursts_of_spikes_are_left_out_or_flagged_and_then_forgotten(channel, sh
     assert_believed_again(flown, 25.0, FORGOTTEN)
 
 
+@pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: thousands of samples through the predictor take minutes")
 def test_a_step_is_refused_five_times_and_then_believed():
     """No gate locks out for ever: an attitude that stays there is right."""
     step = hit(range(2050, 4000), lambda s: s._replace(theta=s.theta + 0.1))
@@ -347,6 +356,7 @@ def test_a_step_is_refused_five_times_and_then_believed():
     assert np.median([e.rows for e in fly(config("filtered"), step).estimates[22:]]) == 100
 
 
+@pytest.mark.skipif(not JIT, reason="NUMBA_DISABLE_JIT=1: thousands of samples through the predictor take minutes")
 @pytest.mark.parametrize("channel", ["theta_dot", "beta"])
 def test_an_offset_that_the_other_sensors_contradict_is_the_models_fault_until_it_goes(channel):
     flown = fly(config("filtered"), hit(range(2050, 3000), lambda s: s._replace(
@@ -508,6 +518,29 @@ def test_a_bad_sample_does_not_begin_anew():
     assert one.update(Sample(NAN, 0.0, 0.0, 0.0)) is Status.NONFINITE
     assert one.update(flight()[155]) is Status.RECOVERED
     assert one.counts["NONFINITE"] == one.counts["RECOVERED"] == 1
+
+
+def test_what_cannot_be_is_not_sound_each_by_itself():
+    """A variance of 0 is (a known parameter), one below is not; nor is anything that is no number, nor a noise level
+    1e10 times the declared."""
+    parts = fly(config("filtered"), flight()[:155]).estimator._parts
+    size, fil, total = parts.fixed.belief.size, parts.state.filter, parts.state.bank.total
+    assert is_sound(size, fil, total)
+    for array in (fil.x, fil.p, fil.level, total):
+        for place in np.ndindex(array.shape):
+            kept = array[place]
+            array[place] = NAN
+            assert not is_sound(size, fil, total), place
+            array[place] = kept
+    for place in (tr.VAR_A6, tr.VAR_K1):
+        for value, sound in ((0.0, True), (-1e-12, False)):
+            kept, total[place] = total[place], value
+            assert is_sound(size, fil, total) == sound
+            total[place] = kept
+    for place in range(len(fil.level)):
+        fil.level[place] = -math.log(1e10)
+        assert not is_sound(size, fil, total)
+        fil.level[place] = 0.0
 
 
 @pytest.mark.parametrize("part", ["x", "p", "level"])

@@ -3,21 +3,35 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 from cut import cut_of
+from sealed import reseal
 from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator, Sample
 from launchid_core.filter import belief as bl
+from launchid_core.filter import filtered as fl
 from launchid_core.filter import predictor as pr
+from launchid_core.filter import servo as sv
 from launchid_core.filter import states as sx
+from launchid_core.filter import structure as sr
+from launchid_core.filter import whiteness as wh
+from launchid_core.order.table import LARGEST
+from launchid_core.watch import changes as ch
 from launchid_core.watch import report as rp
 from launchid_core.watch import tracker as tr
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 
-begins_anew, is_outlier, start_segment = map(unjitted, (pr.begins_anew, pr.is_outlier, pr.start_segment))
+begins_anew, delayed_input, is_outlier, start_segment, take_command, filter_sample, update_levels, relax_levels = map(
+    unjitted, (pr.begins_anew, pr.delayed_input, pr.is_outlier, pr.start_segment, pr.take_command, fl.filter_sample,
+               fl.update_levels, fl.relax_levels))
+
+absorb_structure = unjitted(sr.absorb_structure)
+MAX_GAP = 0.015
+CHANNELS = ("theta", "theta_dot", "beta")
 
 
 def config(nominal=None, **choices) -> Config:
@@ -37,6 +51,15 @@ def parts_at(rate: float):
     return parts(dataclasses.replace(nominal, controller=controller), sample_period=1.0 / rate)
 
 
+def take(cut, t: float, theta=0.0, theta_dot=0.0, beta=0.0, beta_cmd=0.0) -> int:
+    """Give the filter one sample; returns how many rows it became."""
+    state, before = cut.state, int(cut.state.acc.counts[fl.ROWS])
+    row = np.array([t, theta, theta_dot, beta, math.nan, beta_cmd, math.nan])
+    filter_sample(cut.fixed.belief, cut.apart["profile"], cut.apart["air"], state.filter, cut.work.filter, state.acc,
+                cut.apart["rows"], state.check, row, MAX_GAP)
+    return int(state.acc.counts[fl.ROWS]) - before
+
+
 @pytest.fixture(scope="module")
 def samples() -> list[Sample]:
     """The first 6 s of a flight."""
@@ -48,6 +71,10 @@ def flown(samples, of: Config | None = None) -> Estimator:
     for sample in samples:
         estimator.update(sample)
     return estimator
+
+
+def noted(estimator: Estimator) -> tuple[int, int]:
+    return estimator.counts["OUTLIER"], estimator.counts["RESTART"]
 
 
 # ---- a measurement is left out
@@ -80,7 +107,123 @@ def test_so_many_outliers_in_a_row_are_0_05_s_at_every_rate_and_five_at_least(ch
     assert begins_anew(belief, fil, 1.0 + 1.0 / rate, 1.0)
 
 
+def test_a_segment_begins_with_its_sample_and_nothing_of_before():
+    cut = parts()
+    fil, belief = cut.state.filter, cut.fixed.belief
+    for array in (fil.x, fil.p, fil.s, fil.sx, fil.sp, fil.command, fil.time):
+        array[...] = 9.0
+    fil.outliers[:], fil.level[:], fil.note[:] = 5, 0.1, 7
+    variance = belief.variance[:3] * math.exp(0.2)
+    start_segment(belief, fil, 3.0, 0.1, 0.2, 0.3, math.nan)
+    assert fil.x.tolist() == [0.1, 0.2, 0.3, 0.0] and fil.time.tolist() == [3.0, 1.0, 9.0]
+    assert fil.p == pytest.approx(np.diag([*variance, pr.START_NOZZLE_RATE_STD**2]))
+    assert fil.s.tolist() == np.eye(4, fil.s.shape[1]).tolist() and not fil.sx.any()
+    assert fil.sp == pytest.approx(np.array([np.diag(2.0 * p * row) for p, row in zip(
+        [*variance, 0.0, 0.0], np.eye(5, 4), strict=True)]))
+    assert np.isnan(fil.command).all() and not fil.outliers.any()
+    assert fil.level.tolist() == [0.1] * 5 and fil.note.tolist() == [7, 7, 7, 8, 7]  # what it has learned stays
+    start_segment(belief, fil, 3.0, 0.1, math.nan, 0.3, math.nan)
+    assert fil.x[1] == 0.0 and fil.p[1, 1] == pr.UNKNOWN_RATE_STD**2 and not fil.sp[1].any()
+
+
+def test_a_gap_in_flight_is_one_restart(samples):
+    assert noted(flown(samples[:250] + samples[280:])) == (0, 1)
+    assert flown(samples[:250] + samples[280:300]).estimate().gaps == 1
+    assert flown(samples[:250] + samples[280:400]).estimate().gaps == 0  # the next window has none
+    assert noted(flown(samples[:250] + samples[280:400] + samples[402:])) == (0, 2)
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize(("row", "restarts"), [(4, 0), (5, 1)])
+def test_five_outliers_in_a_row_restart_the_filter(samples, channel, row, restarts):
+    hit = list(samples)
+    for at in range(250, 250 + row):
+        hit[at] = hit[at]._replace(**{channel: getattr(hit[at], channel) + 0.2})
+    assert noted(flown(hit)) == (row, restarts)
+
+
+# ---- the command
+
+
+def test_the_command_acts_after_its_delay_linear_between_samples():
+    cut = parts(model=dataclasses.replace(onboard_model(load_nominal("constant")), delay=0.025))
+    constant, fil = cut.fixed.belief.constant, cut.state.filter
+    for command in (9.0, 8.0, 1.0, 2.0, 4.0):
+        take_command(constant, 0, fil, command)
+    assert fil.command[:4].tolist() == [4.0, 2.0, 1.0, 8.0]
+    assert delayed_input(constant, fil) == pytest.approx(0.5 * 1.0 + 0.5 * 8.0)
+
+
+def test_an_unknown_command_is_the_nozzles_place_and_some_doubt():
+    """theta, beta quiet at 0.01 rad: after a step the nozzle is still there, its variance that of a command unknown."""
+    known, unknown = parts(), parts()
+    for cut, command in ((known, 0.01), (unknown, math.nan)):
+        take(cut, 0.0, beta=0.01, beta_cmd=command)
+        take(cut, 0.01, theta=math.nan, theta_dot=math.nan, beta=math.nan)
+    assert unknown.state.filter.x == pytest.approx(known.state.filter.x)
+    doubt = pr.UNKNOWN_COMMAND_STD**2 - known.fixed.belief.variance[3]
+    gamma = known.state.filter.step[sv.GAMMA]
+    assert unknown.state.filter.p[2, 2] - known.state.filter.p[2, 2] == pytest.approx(gamma**2 * doubt)
+
+
 # ---- noise levels
+
+
+def test_a_noise_levels_step_is_cut_at_its_limit_and_counted():
+    """Five steps wanted, three beyond 0.05 on either side."""
+    cut = parts()
+    fil, acc = cut.state.filter, cut.state.acc
+    wanted = np.array([0.2, -0.3, 0.01, -0.02, 0.0501])
+    acc.information[...] = np.diag([1e3, 2e3, 3e3, 4e3, 5e3]) + 100.0
+    acc.score[:] = (acc.information + fl.LEVEL_PRIOR * np.eye(5)) @ wanted
+    update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
+    assert fil.level == pytest.approx([0.05, -0.05, 0.01, -0.02, 0.05], rel=1e-9)
+    assert fil.note.tolist() == [0, 0, 3, 0, 0]
+    assert not acc.score.any() and not acc.information.any()
+    acc.score[:] = 1.0
+    update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
+    assert fil.note.tolist() == [0, 0, 3, 0, 0]  # small steps are not
+
+
+@pytest.mark.parametrize(("rate", "samples", "share"), [
+    (10, 1, 1.0), (25, 3, 1.2), (50, 5, 1.0), (100, 10, 1.0), (125, 13, 1.04), (400, 40, 1.0), (1000, 100, 1.0),
+    (5, 1, 2.0)])
+def test_a_block_and_what_a_noise_level_does_in_it_are_of_seconds(rate, samples, share):
+    """0.1 s in whole samples; most that a level moves, and what is forgotten, in proportion to what came of it."""
+    cut = parts_at(rate)
+    fil, acc = cut.state.filter, cut.state.acc
+    assert cut.apart["rows"].shape[1] == 3 * samples
+    acc.level_information[...] = 1e3 * np.eye(5)
+    acc.score[:] = 1e6
+    update_levels(cut.fixed.belief, fil, acc, cut.work.acc)
+    assert fil.level == pytest.approx(np.full(5, 0.05 * share))
+    prior = fl.LEVEL_PRIOR
+    assert np.diag(acc.level_information) == pytest.approx(prior + 0.9995**share * (1e3 - prior), rel=1e-12)
+    relax_levels(cut.fixed.belief, fil, acc)
+    assert fil.level == pytest.approx(np.full(5, 0.05 * share * 0.97**share))
+
+
+@pytest.mark.parametrize("rate", [10, 100, 400])
+def test_a_block_lasts_until_the_next_one_so_that_what_fades_does_so_in_seconds(rate):
+    """The weight that the check of the model has gathered after a minute is that of its memory of 10 s.  At 10 Hz a
+    block is one sample: without the step after it nothing would ever fade."""
+    nominal = load_nominal("constant")
+    controller = dataclasses.replace(nominal.controller, period=1.0 / rate)
+    estimator = Estimator(config(dataclasses.replace(nominal, controller=controller), sample_period=1.0 / rate))
+    noise = 1e-4 * np.random.default_rng(1).standard_normal((60 * rate, 3))
+    for k, row in enumerate(noise.tolist()):
+        estimator.update(Sample(k / rate, *row, beta_cmd=0.0))
+    weight = 1.0 / (1.0 - math.exp(-2.0 * 0.1 / 10.0))
+    assert estimator._parts.state.check.number[wh.WEIGHT] == pytest.approx(weight, rel=1e-3)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.1, 0.5])
+def test_of_what_is_known_of_the_terms_nine_tenths_are_left_after_a_second(dt):
+    """The nine tenths are of the information, the triangle's square; whatever a block lasts."""
+    learner, size, work = np.triu(np.ones((4, 4))), LARGEST._replace(terms=3, states=2, columns=6), parts().work.acc
+    for _ in range(round(1.0 / dt)):
+        absorb_structure(size, learner, work, dt)
+    assert learner.T @ learner == pytest.approx(0.9 * np.triu(np.ones((4, 4))).T @ np.triu(np.ones((4, 4))), rel=0.002)
 
 
 def test_a_noise_declared_five_times_too_small_is_followed_in_cut_steps(samples):
@@ -96,7 +239,35 @@ def test_a_noise_declared_five_times_too_small_is_followed_in_cut_steps(samples)
     assert declared.counts["LEVEL_CLAMP"] == 0 and set(declared.noise_levels.values()) == {1.0}
 
 
+# ---- a block
+
+
+def test_a_block_that_raises_the_alarm_is_neither_noise_nor_structure_nor_the_windows(samples):
+    estimator = flown(samples[:305], config(library="quadratic"))
+    state, learner = estimator._parts.state, estimator._parts.state.learner
+    level, structure = state.filter.level.copy(), learner.r.copy()
+    newest = (state.watch.counts[ch.NEXT] - 1) % ch.ONSETS
+    state.watch.factor[newest] = 1e3
+    reseal(estimator)
+    for sample in samples[305:310]:
+        estimator.update(sample)
+    assert state.watch.counts[ch.EVENTS] == 1
+    assert state.filter.level.tolist() == level.tolist() and learner.r.tolist() == structure.tolist()
+    assert not state.acc.score.any() and not state.acc.information.any()
+    terms = np.zeros_like(state.acc.window)
+    known = range(4, len(terms) - 1 - sx.N_TESTS)
+    terms[known, known] = fl.WEAK_PRIOR
+    assert state.acc.window.tolist() == terms.tolist() and state.acc.counts[fl.SAMPLES] == 0
+
+
 # ---- a window, and what is reported
+
+
+def test_a_window_of_too_few_samples_is_short_or_has_a_gap(samples):
+    """Every third sample is 34 of 100, fewer than half: SHORT where that is no gap, GAP where it is."""
+    for max_gap, status in ((0.05, "SHORT"), (0.015, "GAP")):
+        estimate = flown(samples[:300:3], config(max_gap=max_gap)).estimate()
+        assert not estimate.valid and estimate.status.name == status and math.isnan(estimate.a6)
 
 
 @pytest.mark.parametrize(("share", "known"), [(0.99, 1), (1.01, 0), (math.nan, 0)])

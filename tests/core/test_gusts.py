@@ -2,15 +2,20 @@
 
 import dataclasses
 import functools
+import math
 
 import numpy as np
 import pytest
+from cut import cut_of
 from sealed import reseal
+from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model, run
 from launchid_core import Config, Estimator
 from launchid_core.filter import filtered as fl
 from launchid_core.gate import ring as rb
+from launchid_core.order import block as bk
+from launchid_core.watch import changes as ch
 from launchid_core.watch import gusts as gu
 from sim.effects import from_text
 from sim.flight import Flight, fly_whole
@@ -20,11 +25,101 @@ from sim.sections import Offsets, Wind
 CALM = load_nominal("constant")
 DECLARED = dataclasses.replace(CALM, wind=Wind(walk=0.005, turbulence=0.005),
                                offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005))
+BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their variances with the covariance between
 FAR = 4.0  # own standard deviations
+
+mix_gust, blow, see_block, carry_gust, follow_gust, accept_gust = map(
+    unjitted, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, bk.accept_gust))
 
 
 def config(nominal=DECLARED, window: float = 1.0) -> Config:
     return Config(window=window, formulation="filtered", model=onboard_model(nominal))
+
+
+@pytest.fixture
+def cut():
+    """Memory of an estimator that expects a tenth of the declared wind."""
+    made = cut_of(config())
+    made.state.filter.level[5:] = math.log(0.1)
+    return made
+
+
+def guessed(gust, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Some mean and covariance, put into the hypothesis; copies."""
+    random, g = np.random.default_rng(seed), len(gust.mean)
+    root = random.standard_normal((g, g))
+    gust.mean[:], gust.covariance[...] = random.standard_normal(g), root @ root.T
+    return gust.mean.copy(), gust.covariance.copy()
+
+
+# ---- the law
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_the_mixed_start_has_the_mixtures_moments(cut, share):
+    mean, covariance = guessed(cut.state.gust, 0)
+    calm = np.zeros(len(mean))
+    calm[-2:] = BELIEF[:2]
+    still = np.zeros_like(covariance)
+    still[-2:, -2:] = [[BELIEF[2], BELIEF[3]], [BELIEF[3], BELIEF[4]]]
+    mix_gust(len(mean), cut.state.gust, BELIEF, share)
+    d = mean - calm
+    assert cut.state.gust.mean == pytest.approx((1.0 - share) * mean + share * calm)
+    assert cut.state.gust.covariance == pytest.approx(
+        (1.0 - share) * covariance + share * still + share * (1.0 - share) * np.outer(d, d))
+
+
+def test_a_block_is_seen_as_by_a_linear_regression_and_carried_on(cut):
+    gust = cut.state.gust
+    mean, covariance = guessed(gust, 1)
+    g = len(mean)
+    random = np.random.default_rng(2)
+    pair, transition = np.triu(random.standard_normal((g + 1, g + 1))), random.standard_normal((g - 2, g))
+    h, z = pair[:g, :g], pair[:g, g]
+    s, e = h @ covariance @ h.T + np.eye(g), z - h @ mean
+    gain = covariance @ h.T @ np.linalg.inv(s)
+    density = see_block(g, gust, cut.work.gust, pair)
+    assert density == pytest.approx(-0.5 * (np.linalg.slogdet(s)[1] + e @ np.linalg.solve(s, e)))
+    f = np.eye(g)
+    f[:-2, :-2] = transition[:, :-2]
+    carry_gust(cut.memory.size, gust, cut.work.gust, transition)
+    assert gust.mean == pytest.approx(f @ (mean + gain @ e))
+    assert gust.covariance == pytest.approx(f @ (covariance - gain @ h @ covariance) @ f.T)
+    assert gust.covariance == pytest.approx(gust.covariance.T, rel=1e-12)
+
+
+def test_in_a_block_the_wind_does_what_is_declared_and_not_expected(cut):
+    """Walk 0.005 rad/sqrt(s), turbulence 0.005 rad over 1 s, of which the filter expects a tenth."""
+    blow(cut.fixed.belief, cut.state.filter, cut.state.gust, 0.1)
+    expected = np.zeros(len(cut.state.gust.mean))
+    expected[4], expected[5] = 0.005**2 * 0.1 * 0.99, 0.005**2 * (1.0 - math.exp(-0.2)) * 0.99
+    expected[-2:] = gu.WANDER**2 * 0.1
+    assert np.diag(cut.state.gust.covariance) == pytest.approx(expected)
+
+
+def test_without_data_a_gust_is_as_likely_as_they_come_and_go(cut):
+    """A block that tells nothing has density 1 under both: the share goes to APART^-1/(APART^-1 + LASTS^-1)."""
+    n = len(cut.state.gust.mean)
+    for _ in range(400):
+        density = follow_gust(cut.fixed.belief, cut.state.filter, cut.state.gust, cut.work.gust,
+                              np.zeros((n + 1, n + 1)), BELIEF, 0.1, 0.0)
+        assert density == pytest.approx(0.0, abs=1e-12)
+    assert cut.state.gust.number[gu.SHARE] == pytest.approx(gu.LASTS / (gu.APART + gu.LASTS), rel=0.05)
+
+
+def test_a_gust_that_is_taken_over_leaves_k1_open(cut):
+    """The gust may have been a loss of k1: the variance of a jump is added, onsets before are no onsets any more."""
+    state = cut.state
+    mean, covariance = guessed(state.gust, 6)
+    state.watch.counts[ch.KEPT] = 5
+    unsure = -math.log(0.1 / gu.APART) + 0.01
+    assert not accept_gust(cut.fixed.belief, state, -1.0, 0.1)
+    state.gust.number[gu.SHARE] = 0.95
+    assert not accept_gust(cut.fixed.belief, state, unsure, 0.1) and state.watch.counts[ch.KEPT] == 5
+    assert accept_gust(cut.fixed.belief, state, unsure - 0.02, 0.1) and state.watch.counts[ch.KEPT] == 0
+    assert state.bank.total == pytest.approx([mean[-2], mean[-1], covariance[-2, -2], covariance[-2, -1],
+                                              covariance[-1, -1] + ch.JUMP_STD**2])
+    assert state.gust.number[gu.SHARE] == 0.0 and not state.gust.covariance.any()
 
 
 # ---- in flight

@@ -18,6 +18,7 @@ from launchid_core.algebra.library import (
     MAX_TERMS,
     N_VARIABLES,
     TAU,
+    VARIABLES,
     centred_variables,
     default_own_share,
     library_terms,
@@ -93,6 +94,12 @@ def test_factors_commute_and_spaces_do_not_count(code, random):
     assert parse_term(" * ".join(factors)) == code
 
 
+@given(st.lists(st.sampled_from(VARIABLES), min_size=1, max_size=MAX_POWER))
+def test_repeated_factors_multiply(factors):
+    code = parse_term("*".join(factors))
+    assert code == (*(factors.count(name) for name in VARIABLES), 0, 0)
+
+
 @given(st.integers(0, 4))
 def test_polynomial_holds_every_monomial_once_by_degree(order):
     """Orders above 4 exceed MAX_TERMS as a library, but not as names."""
@@ -148,7 +155,33 @@ def test_a_variable_is_centred_exactly_where_the_library_is_closed_downwards(wan
     assert allowed[TAU] == 0
 
 
+@pytest.mark.parametrize(("name", "variable"), [("rigid-body", 0), ("rigid-body", 2), ("lpv", 0), ("lpv", 2)])
+def test_centring_a_variable_that_may_not_be_leaves_the_library(name, variable):
+    terms = library_terms(name)
+    centre = [0.0] * 4
+    centre[variable] = 1.0
+    raw = [2.0 + c for c in centre]
+    tt = transform(terms, centre, [1.0] * 4)
+    back = tt @ row_of(terms, raw, [2.0] * 4)
+    assert any(value != float(raw_term(code, raw)) for value, code in zip(back, term_codes(terms), strict=True))
+
+
+@given(st.sampled_from(sorted(LIBRARIES)))
+def test_named_libraries_are_canonical(name):
+    assert library_terms(name) == LIBRARIES[name] == library_terms(",".join(LIBRARIES[name]))
+
+
 # ---------------------------------------------------------------- degenerate cases
+
+
+def test_constant_term():
+    assert parse_term("1") == (0, 0, 0, 0, 0, 0)
+    assert term_name((0, 0, 0, 0, 0, 0)) == "1"
+    assert row_of(("1",), [7.0] * 4, [7.0] * 4).tolist() == [1.0]
+
+
+def test_polynomial_of_order_zero():
+    assert polynomial(0) == ("1",)
 
 
 @pytest.mark.parametrize("order", [-1, MAX_POWER + 1, 1.5, "2"])
@@ -202,6 +235,16 @@ def test_sign_of_zero_is_zero():
     assert [function_value(sign, x) for x in (-2.0, -0.0, 0.0, 3.0)] == [-1.0, 0.0, 0.0, 1.0]
 
 
+def test_no_function_is_one():
+    assert function_value(0, 5.0) == 1.0
+
+
+@given(st.sampled_from(sorted(LIBRARIES)))
+def test_unit_scale_without_centre_is_the_identity(name):
+    terms = library_terms(name)
+    assert np.array_equal(transform(terms, [0.0] * 4, [1.0] * 4), np.eye(len(terms)))
+
+
 # ---------------------------------------------------------------- textbook numbers
 
 
@@ -210,6 +253,26 @@ def test_the_papers_ten_terms():
     assert polynomial(2) == ("1", "theta", "theta_dot", "beta", "theta^2", "theta*theta_dot", "theta*beta",
                              "theta_dot^2", "theta_dot*beta", "beta^2")
     assert LIBRARIES["quadratic"] == polynomial(2)
+
+
+@pytest.mark.parametrize(("name", "allowed"), [
+    ("rigid-body", [0, 0, 0, 0]), ("linear", [1, 1, 1, 0]), ("quadratic", [1, 1, 1, 0]),
+    ("quadratic+sin", [1, 1, 1, 0]), ("lpv", [0, 0, 0, 0])])
+def test_which_variables_of_the_named_libraries_are_centred(name, allowed):
+    assert centred_variables(term_codes(library_terms(name))).tolist() == allowed
+
+
+def test_square_of_a_centred_variable():
+    """(c + s z)^2 = c^2 + 2 c s z + s^2 z^2 with c = 3, s = 2."""
+    terms = ("1", "theta", "theta^2")
+    assert transform(terms, [3, 0, 0, 0], [2, 1, 1, 1]).tolist() == [[1, 0, 0], [3, 2, 0], [9, 12, 4]]
+
+
+def test_functions_of_different_states_do_not_mix():
+    """(c + s z) f = c f + s z f for each f by itself, with c = 3, s = 2."""
+    terms = ("sin(theta)", "sin(beta)", "cos(theta)", "theta*sin(theta)", "theta*sin(beta)")
+    assert transform(terms, [3, 0, 0, 0], [2, 1, 1, 1]).tolist() == [
+        [1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 1, 0, 0], [3, 0, 0, 2, 0], [0, 3, 0, 0, 2]]
 
 
 def test_no_term_of_a_library_inside_lpv_is_left_out():

@@ -190,6 +190,13 @@ def test_a_step_is_the_servos_equation_with_a_command_that_changes_within_it(col
     assert responses(about)[0, :, column] == pytest.approx(wanted, rel=2e-3, abs=1e-9)
 
 
+@pytest.mark.parametrize("number", range(3))
+def test_the_slopes_are_the_derivatives_of_the_response(number):
+    about, step = np.array([0.5, -0.4, 0.7]), 1e-3 * np.eye(3)[number]
+    wanted = (responses(tuple(about + step))[0] - responses(tuple(about - step))[0]) / 2e-3
+    assert responses(tuple(about))[1 + number] == pytest.approx(wanted, rel=1e-4, abs=1e-7 * np.abs(wanted).max())
+
+
 def test_an_estimator_that_is_saved_and_restored_goes_on_to_the_same_bits():
     one, two = Estimator(config()), Estimator(config())
     one.replay(samples(2)[:700])
@@ -197,6 +204,14 @@ def test_an_estimator_that_is_saved_and_restored_goes_on_to_the_same_bits():
     for each in samples(2)[700:1200]:
         assert one.update(each) is two.update(each)
     assert one.save() == two.save() and repr(one.estimate()) == repr(two.estimate())
+
+
+def test_jitter_of_the_stamps_changes_little():
+    """Steps of other lengths have constants of their own."""
+    rng = np.random.default_rng(5)
+    moved = [s._replace(t=s.t + float(rng.uniform(-2e-4, 2e-4))) for s in samples(3)]
+    value, std = told(Estimator(config()).replay(moved)[-1])
+    assert np.abs((value - truth(3)) / std).max() < 5.0
 
 
 # ---- degenerate
@@ -207,6 +222,13 @@ def test_without_a_command_nothing_is_learned_of_it():
     value, std = told(last)
     assert value == pytest.approx([50.0, 0.7, 0.0]) and std == pytest.approx([15.0, 0.21, 0.02])
     assert last.valid
+
+
+def test_samples_slower_than_the_controller_say_nothing_of_it():
+    """The commands between are not known: a servo fitted to the others would be another one."""
+    flight = list(fly_whole(CONSTANT, 2, period=0.02).samples())[:1000]
+    last = Estimator(config(sample_period=0.02, model=onboard_model(UNSURE, 0.02))).replay(flight)[-1]
+    assert told(last)[1] == pytest.approx([15.0, 0.21, 0.02])
 
 
 def test_over_a_gap_what_was_learned_stays():

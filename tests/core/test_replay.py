@@ -6,12 +6,13 @@ The bits are demanded on every machine, jitted or not: the core takes nothing fr
 correctly (`launchid_core/elementary.py`).
 """
 
+import math
 from itertools import zip_longest
 
 import pytest
-from replay.make import VECTORS, answers, read, samples_of
+from replay.make import FOLDER, VECTORS, answers, cell, read, samples_of, write
 
-from launchid_core import Status
+from launchid_core import Sample, Status
 
 
 def differences(committed: list[dict[str, str]], here: list[dict[str, str]]) -> list[str]:
@@ -46,6 +47,17 @@ def test_the_vectors_hold_what_they_are_for():
     assert {"level a6 delta", "level k1 band"} <= set(last["filtered"])
     assert {"wind", "attitude_bias", "gyro_bias std"} <= set(last["wind"]) and last["wind"]["wind"] != "nan"
     assert int(last["filtered-faults"]["OUTLIER"]) > 0 and int(last["filtered-faults"]["RESTART"]) > 0
+
+
+def test_every_vector_is_one_that_is_made():
+    assert {path.stem for path in FOLDER.glob("*.csv")} == set(VECTORS)
+
+
+def test_samples_read_back_to_their_bits(tmp_path, monkeypatch):
+    sample = Sample(0.1, -0.0, 5e-324, 1.7976931348623157e308, math.nan, math.inf, 1.0 / 3.0)
+    monkeypatch.setattr("replay.make.FOLDER", tmp_path)
+    write("one", [{name: cell(value) for name, value in zip(Sample._fields, sample, strict=True)}])
+    assert repr(samples_of(read("one"))[0]) == repr(sample)
 
 
 @pytest.mark.parametrize(("was", "now", "changed"), [

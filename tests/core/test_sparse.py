@@ -21,7 +21,7 @@ from launchid_core.algebra.sparse import (
 )
 from launchid_core.order.table import SPARSE, WHOLE
 
-factor_whole = unjitted(sparse.factor_whole)
+factor_whole, refit = map(unjitted, (sparse.factor_whole, sparse.refit))
 solve_stls, solve_ssr, solve_own, solve_lasso, solve_sr3 = map(unjitted, (
     sparse.solve_stls, sparse.solve_ssr, sparse.solve_own, sparse.solve_lasso, sparse.solve_sr3))
 
@@ -147,6 +147,14 @@ def test_orthogonal_columns_keep_exactly_the_coefficients_above_the_raw_threshol
 # ---------------------------------------------------------------- laws of single solvers
 
 
+@pytest.mark.parametrize("solver", [STLS, SSR], ids=["stls", "ssr"])
+@given(problem=tall_problems())
+def test_no_active_term_is_below_the_threshold(solver, problem):
+    a, y, threshold = problem
+    _, xi, active, _ = solve(solver, a, y, threshold)
+    assert np.all(np.abs(xi[active]) >= threshold)
+
+
 def reference_stls(a, y, threshold):
     """Sequentially thresholded least squares in numpy; also how close any coefficient came to the threshold."""
     active = np.ones(a.shape[1], dtype=bool)
@@ -213,11 +221,54 @@ def test_ssr_is_the_plain_algorithm(problem):
     assert np.all(np.abs(xi - wanted) * np.linalg.norm(a, axis=0) <= 1e-12 * np.linalg.norm(y))
 
 
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+@given(problem=tall_problems())
+def test_the_factor_of_the_active_terms_is_that_of_their_columns(solver, problem):
+    """R'R is their Gram matrix, of unit columns, which is harmless at these conditions; beside it its inverse, the
+    orthonormal basis and Q'y, turned alike.  Terms that left keep their length."""
+    a, y, threshold = problem
+    _, _, active, work = solve(solver, a, y, threshold)
+    m, z = np.linalg.qr(a)[1], np.linalg.qr(a)[0].T @ y
+    q, n = len(m), int(np.sum(active))
+    rows, order = work.rows.reshape(q, 4 * q), work.order
+    r, inverse, basis = rows[:, :q], rows[:n, q:2 * q], rows[:, 2 * q:3 * q]
+    assert sorted(order[:n]) == np.flatnonzero(active).tolist() and sorted(order) == list(range(q))
+    units = m / np.linalg.norm(m, axis=0)
+    assert np.allclose(r.T @ r, units.T @ units, rtol=0.0, atol=1e-13)
+    assert np.allclose(np.tril(r[:n][:, order[:n]], -1), 0.0, rtol=0.0, atol=1e-13)
+    assert np.allclose(r[n:][:, order[:n]], 0.0, rtol=0.0, atol=1e-13)
+    assert np.allclose(r[:n][:, order[:n]] @ inverse[:, order[:n]].T, np.eye(n), rtol=0.0, atol=1e-11)
+    assert np.allclose(basis @ units, r, rtol=0.0, atol=1e-13)
+    assert np.allclose(basis @ z, rows[:, 3 * q], rtol=0.0, atol=1e-13 * (1.0 + np.linalg.norm(z)))
+
+
+@given(problem=tall_problems(), data=st.data())
+def test_terms_leave_in_any_order(problem, data):
+    """Least squares on what is left is that of a factorisation anew (Golub & Van Loan, 6.5.2)."""
+    a, y, _ = problem
+    kept = np.array(data.draw(st.lists(st.booleans(), min_size=a.shape[1], max_size=a.shape[1])))
+    q, r = np.linalg.qr(a)
+    xi, work, whole = np.full(len(r), np.nan), scratch(SPARSE, len(r)), scratch(WHOLE, len(r))
+    factor_whole(len(r), r.T.copy(), whole, work.columns)
+    assert refit(len(r), whole, q.T @ y, xi, kept, work)
+    wanted = np.zeros(len(r))
+    wanted[kept] = tall_least_squares(a[:, kept], y) if kept.any() else 0.0
+    assert np.all(np.abs(xi - wanted) * np.linalg.norm(a, axis=0) <= 1e-12 * np.linalg.norm(y))
+
+
 # ---------------------------------------------------------------- degenerate cases
 
 
 def three_columns(rng):
     return rng.standard_normal((20, 3)), rng.standard_normal(20)
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+def test_duplicate_column(solver):
+    a, y = three_columns(np.random.default_rng(1))
+    passes, xi, _, _ = solve(solver, np.column_stack((a, a[:, 1])), y, 0.0)
+    assert passes == -1
+    assert np.array_equal(xi, np.zeros(4))
 
 
 @pytest.mark.parametrize("threshold", [0.0, 0.5])
@@ -266,11 +317,33 @@ def test_threshold_above_every_coefficient_leaves_nothing(solver):
 
 
 @pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+def test_zero_right_hand_side(solver):
+    passes, xi, active, _ = solve_reduced(solver, np.eye(3), np.zeros(3), 0.5)
+    assert passes > 0
+    assert not active.any()
+    assert np.array_equal(xi, np.zeros(3))
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
 def test_threshold_zero_keeps_a_coefficient_that_is_exactly_zero(solver):
     passes, xi, active, _ = solve_reduced(solver, np.eye(2), [1.0, 0.0], 0.0)
     assert passes > 0
     assert np.array_equal(xi, [1.0, 0.0])
     assert active.tolist() == [True, True]
+
+
+@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
+def test_one_term(solver):
+    _, xi, active, _ = solve_reduced(solver, [[2.0]], [3.0], 0.5)
+    assert active.tolist() == [True]
+    assert math.isclose(xi[0], 1.5, rel_tol=4 * EPS)
+
+
+@pytest.mark.parametrize("solver", [STLS, SSR], ids=["stls", "ssr"])
+def test_coefficient_equal_to_the_threshold_stays(solver):
+    _, xi, active, _ = solve_reduced(solver, [[1.0]], [0.5], 0.5)
+    assert active.tolist() == [True]
+    assert xi.tolist() == [0.5]
 
 
 # ---------------------------------------------------------------- textbook numbers
@@ -284,6 +357,13 @@ def test_stls_cuts_two_terms_at_once_where_ssr_keeps_one():
     _, xi, active, _ = solve_reduced(SSR, mt, y, 0.5)
     assert active.tolist() == [False, True]
     assert math.isclose(xi[1], 0.61, rel_tol=8 * EPS)
+
+
+def test_refit_after_a_cut():
+    """Columns (1, 0) and (1/2, 1), y = a + 0.2 b: b is cut at 0.5 and a takes over, 1 + 0.2 (a'b) = 1.1."""
+    _, xi, active, _ = solve_reduced(STLS, [[1.0, 0.0], [0.5, 1.0]], [1.1, 0.2], 0.5)
+    assert active.tolist() == [True, False]
+    assert math.isclose(xi[0], 1.1, rel_tol=8 * EPS)
 
 
 @pytest.mark.parametrize("solver", [STLS, SR3, SSR], ids=["stls", "sr3", "ssr"])

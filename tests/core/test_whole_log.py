@@ -27,6 +27,14 @@ def test_a_whole_log_in_one_call_gives_the_same_bits(name):
     assert two.replay(samples[:0]) == [] and two.save() == one.save()
 
 
+def test_in_parts_and_as_samples_too():
+    samples = samples_of(read("integral-faults"))
+    one, two = Estimator(VECTORS["integral-faults"].config), Estimator(VECTORS["integral-faults"].config)
+    estimates = one.replay(iter(samples))
+    parts = two.replay(samples[:77]) + two.replay(samples[77:300]) + two.replay(samples[300:])
+    assert one.save() == two.save() and len(parts) == len(estimates)
+
+
 def set_back(memory):
     memory.parts.state.clock[rb.T_FIRST] -= 1.0
 

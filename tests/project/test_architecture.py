@@ -200,6 +200,13 @@ def test_core_calls_no_kernel_of_its_own_in_a_circle():
         graph = {name: callees for name, callees in graph.items() if name not in leaves}
 
 
+def test_public_names_exist():
+    assert (ROOT / "launchid" / "py.typed").is_file()
+    assert sorted(launchid_core.__all__) == sorted(set(launchid_core.__all__))
+    for name in launchid_core.__all__:
+        assert getattr(launchid_core, name) is not None
+
+
 # ---- the simulator and the ground tool
 
 

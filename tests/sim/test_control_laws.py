@@ -6,7 +6,8 @@ import math
 import control
 import numpy as np
 import pytest
-from scipy.signal import bilinear, lfilter
+from every import every
+from scipy.signal import bilinear, freqz, lfilter
 from unjitted import unjitted
 
 from launchid.cli.main import main
@@ -59,6 +60,24 @@ def alike(nominal: Nominal, suite: str = "flight", effects: tuple = ()) -> Fligh
 def test_first_order_servo_is_the_exponential(time_constant):
     flight = fly_whole(held_command({**LAG, "time_constant": time_constant}), 0, "ideal")
     assert np.allclose(flight.beta, 0.01 * (1 - np.exp(-flight.t / time_constant)), rtol=0.0, atol=RUNGE_KUTTA)
+
+
+@pytest.mark.parametrize(("scale", "lag"), [(0.5, 0.0), (2.0, 0.0), (0.5, 1.0), (0.4, 0.3)])
+def test_bandwidth_scales_one_over_the_time_constant(scale, lag):
+    """A ramp is as late with the lag's share before the servo, T/scale."""
+    flight = fly_whole(held_command(LAG, 2.0), 0, "ideal",
+                       effects=[from_text(f"actuator_bandwidth:scale={scale},lag={lag}")])
+    late = np.trapezoid(0.01 - flight.beta, flight.t) / 0.01
+    assert late == pytest.approx(0.04 / scale, rel=2e-3)
+    if lag == 0.0:
+        assert np.allclose(flight.beta, 0.01 * (1 - np.exp(-flight.t * scale / 0.04)), rtol=0.0, atol=RUNGE_KUTTA)
+
+
+def test_rate_limit_clips_the_first_order_rate():
+    flight = fly_whole(held_command(LAG, 2.0), 0, "ideal", effects=[from_text("actuator_rate_limit:rate=0.02")])
+    rate = np.diff(flight.beta) / 0.001
+    assert rate.max() == pytest.approx(0.02, rel=1e-9) and np.sum(rate > 0.0199) > 400
+    assert flight.beta.max() <= 0.01 and flight.beta[-1] == pytest.approx(0.01, abs=1e-5)
 
 
 @pytest.mark.parametrize("text", ["actuator_delay:delay=0.02", "actuator_gain:scale=0.9", "actuator_bias:angle=0.01",
@@ -125,6 +144,12 @@ def test_rate_reference_is_its_list_or_the_slope_of_the_attitude_s():
     assert np.isnan(fly_whole(short()).rate_ref).all()
 
 
+def test_rate_law_turns_the_vehicle_at_its_reference():
+    flight = fly_whole(short(6.0, controller=RATE, guidance={"t": (0.0, 1.0, 6.0), "theta_ref": (0.0, 0.0, -0.1)}), 0,
+                       "ideal", 0.01)
+    assert not flight.lost and np.abs(flight.theta_dot[-100:] + 0.02).max() < 0.02
+
+
 # ---- filters
 
 
@@ -157,6 +182,26 @@ def test_filtered_command_is_lfilter_of_the_law_s(law):
         output = lfilter(section.b, section.a, output)
     assert np.abs(flight.beta_cmd).max() < 0.12
     assert np.allclose(flight.beta_cmd, output + probe.at(flight.t), rtol=0.0, atol=1e-12)
+
+
+def test_filter_that_passes_all_changes_no_bit():
+    whole = Section((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    plain, passed = fly_whole(short(), 1), fly_whole(short(controller={"filters": (whole,)}), 1)
+    assert plain.theta.tobytes() == passed.theta.tobytes() and plain.beta_cmd.tobytes() == passed.beta_cmd.tobytes()
+
+
+@pytest.mark.parametrize("w", [5.0, 30.0, 150.0, 300.0])
+def test_notch_s_gain_at_its_frequency_is_depth_over_width_and_one_far_off(w):
+    section = tustin("notch", PERIOD, w, 0.05, 0.5)
+    _, gain = freqz(section.b, section.a, [1e-6, w * PERIOD, math.pi - 1e-6])
+    assert np.allclose(np.abs(gain), [1.0, 0.1, 1.0], atol=1e-5)
+
+
+@pytest.mark.parametrize("zeta", [0.5, 0.7])
+def test_lowpass_s_gain_at_its_frequency_is_one_over_twice_its_damping(zeta):
+    section = tustin("lowpass", PERIOD, 60.0, zeta)
+    _, gain = freqz(section.b, section.a, [1e-6, 60.0 * PERIOD, math.pi - 1e-6])
+    assert np.allclose(np.abs(gain), [1.0, 1 / (2 * zeta), 0.0], atol=1e-5)
 
 
 def test_kinds_are_tustin_s_rule_prewarped():
@@ -192,6 +237,7 @@ theta_std = 0.0
 theta_dot_std = 0.0
 beta_std = 0.0
 """
+PD = "[controller]\nkp = 1\nkd = 0.5\nderivative_time_constant = 0.05\nperiod = 0.01\n"
 PI = '[controller]\nlaw = "rate"\nkp = 1\nperiod = 0.01\n'
 
 
@@ -213,6 +259,50 @@ damping_ratio = 0.7
     controller = load_nominal(tmp_path / "n.toml").controller
     assert controller.filters == (NOTCH, Section((0.5, 0.0, 0.0), (1.0, -0.5, 0.0)), LOWPASS)
     assert (controller.ki, controller.kd, controller.is_rate_law) == (0.5, 0.0, True)
+
+
+def test_attitude_reference_is_0_where_the_rate_law_has_its_own(tmp_path):
+    (tmp_path / "n.toml").write_text(LAUNCHER + PI + "[guidance]\nt = [0, 1]\nrate_ref = [0.1, 0.2]\n")
+    assert load_nominal(tmp_path / "n.toml").guidance == Guidance((0.0, 1.0), (0.0, 0.0), (0.1, 0.2))
+
+
+def filter_of(text: str) -> str:
+    return f"{PD}[[controller.filters]]\n{text}"
+
+
+@every(("text", "expected"), [
+    ("[actuator]\nnatural_frequency = 50", "key 'actuator.damping_ratio' is missing; expected natural_frequency and"),
+    ("[actuator]\ndelay = 0", "is missing; expected natural_frequency and damping_ratio, or time_constant"),
+    ("[actuator]\nnatural_frequency = 50\ntime_constant = 0.1", "[actuator] has time_constant and natural_frequency"),
+    ("[actuator]\ndamping_ratio = 0.7\ntime_constant = 0.1", "[actuator] has time_constant and damping_ratio"),
+    ("[actuator]\ntime_constant = 0", "actuator.time_constant = 0: expected a number above 0"),
+    (PD + "ki = 1", "key 'controller.ki' is not of law \"attitude\""),
+    (PI + "kd = 1", "key 'controller.kd' is not of law \"rate\""),
+    (PI + "derivative_time_constant = 1", "key 'controller.derivative_time_constant' is not of law \"rate\""),
+    (PD + 'law = "magic"', "controller.law = 'magic': expected \"attitude\" or \"rate\""),
+    (PD + "law = 3", "controller.law = 3"), (PI + "ki = '1'", "controller.ki = '1'"),
+    ("[controller]\nkp = 1\nperiod = 0.01", "key 'controller.derivative_time_constant' is missing"),
+    (PI + "[guidance]\nt = [0, 1]", "key 'guidance.theta_ref' is missing"),
+    (PD + "[guidance]\nt = [0, 1]\nrate_ref = [0, 1]", "key 'guidance.theta_ref' is missing"),
+    (PI + "[guidance]\nt = [0, 1]\nrate_ref = [0, 1, 2]", "guidance.rate_ref 3"),
+    (PD + "filters = 3", "controller.filters = 3: expected [[controller.filters]] tables"),
+    (PD + "filters = [3]", "controller.filters[0] = 3"),
+    (filter_of("b = [1, 0, 0]"), "'controller.filters[0].a' is missing"),
+    (filter_of("b = [1, 0]\na = [1, 0, 0]"), "controller.filters[0].b = [1.0, 0.0]: expected three numbers"),
+    (filter_of("b = [1, 0, 0]\na = [2, 0, 0]"), "controller.filters[0].a = [2.0, 0.0, 0.0]: expected 1 as the first"),
+    (filter_of("b = [1, 0, '0']\na = [1, 0, 0]"), "controller.filters[0].b[2] = '0'"),
+    (filter_of("b = [1, 0, 0]\na = [1, 0, 0]\ngain = 1"), "unknown key 'controller.filters[0].gain'"),
+    (filter_of("kind = 'comb'"), "controller.filters[0].kind = 'comb': expected \"notch\" or \"lowpass\""),
+    (filter_of("kind = 'lowpass'\nfrequency = 60"), "'controller.filters[0].damping_ratio' is missing"),
+    (filter_of("kind = 'lowpass'\nfrequency = 400\ndamping_ratio = 1"), "controller.filters[0].frequency = 400"),
+    (filter_of("kind = 'lowpass'\nfrequency = 0\ndamping_ratio = 1"), "controller.filters[0].frequency = 0"),
+    (filter_of("kind = 'lowpass'\nfrequency = 60\ndamping_ratio = -1"), "controller.filters[0].damping_ratio = -1")])
+def test_wrong_key_is_named(tmp_path, text, expected):
+    path = tmp_path / "n.toml"
+    path.write_text(f"{LAUNCHER}{text}\n")
+    with pytest.raises(InputError) as caught:
+        load_nominal(path)
+    assert expected in str(caught.value) and len(str(caught.value).splitlines()) == 1
 
 
 # ---- commands

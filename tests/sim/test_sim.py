@@ -1,5 +1,6 @@
 """The simulator: its integration, loop and sensors against plain Python, and nominal files that cannot be used."""
 
+import copy
 import dataclasses
 import itertools
 import math
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from every import every
 from hypothesis import given
 from hypothesis import strategies as hs
 from unjitted import unjitted, unjitted_module
@@ -18,8 +20,9 @@ from sim.flight import SUITES, Flight, dispersion, fly, fly_whole, noise
 from sim.nominal import BUILT_IN, Nominal, Profile, built_in, load_nominal
 from sim.sections import Section
 from sim.vehicle.actuator import delayed_command
+from sim.vehicle.controller import limited, pseudo_derivative
 from sim.vehicle.record import NOISE, SECTION, TICK, Vehicle, assembled
-from sim.vehicle.step import runge_kutta_4
+from sim.vehicle.step import measure, runge_kutta_4
 
 CONSTANT = tomllib.loads(built_in("constant").read_text(encoding="utf-8"))
 SECTIONS = ("actuator", "controller", "guidance", "sensors", "simulation", "uncertainty", "vehicle")
@@ -84,6 +87,13 @@ def test_logged_acceleration_is_the_equation_of_motion():
     assert np.array_equal(flight.theta_ddot, 2.0 * flight.theta + -7.0 * flight.beta)
 
 
+def test_logged_rates_are_the_derivatives_of_the_logged_states():
+    flight = fly_whole(short(8.0), 1, "ideal")
+    h = flight.period
+    assert np.allclose((flight.theta[2:] - flight.theta[:-2]) / (2 * h), flight.theta_dot[1:-1], atol=2e-6)
+    assert np.allclose((flight.theta_dot[2:] - flight.theta_dot[:-2]) / (2 * h), flight.theta_ddot[1:-1], atol=2e-3)
+
+
 EVERYTHING = (
     "aero_damping:coefficient=0.05", "aero_cubic:coefficient=3", "friction:coefficient=0.002",
     "thrust_misalignment:angle=0.003", "slosh:coupling=0.1,frequency=3", "bending:gain=0.05,frequency=20",
@@ -103,11 +113,11 @@ OTHER_LAW = {"law": "rate", "ki": 1.0, "kd": 0.0, "derivative_time_constant": 0.
 @pytest.mark.parametrize(("servo", "law"), [({}, {}), (STIFF, {}), (FIRST_ORDER, OTHER_LAW)])
 def test_compiled_steps_are_those_of_plain_python_bit_for_bit(servo, law):
     """Every effect at once and none, servos that a step resolves, stiff, and of first order, both laws, filters."""
-    nominal = short(0.2, actuator=servo, controller=law)
+    nominal = short(0.4, actuator=servo, controller=law)
     flights = [[columns(of(nominal, 1, "ideal", effects=[from_text(text) for text in texts]))
                 for of in (fly_whole, unjitted_module("sim.flight").fly_whole)] for texts in ((), EVERYTHING)]
     for compiled, written in flights:
-        assert len(compiled["t"]) == 200 and {name: column.tobytes() for name, column in compiled.items()} == {
+        assert len(compiled["t"]) == 400 and {name: column.tobytes() for name, column in compiled.items()} == {
             name: column.tobytes() for name, column in written.items()}
     assert flights[0][0]["beta"].tobytes() != flights[1][0]["beta"].tobytes()
 
@@ -116,7 +126,7 @@ def test_compiled_steps_are_those_of_plain_python_bit_for_bit(servo, law):
 
 
 @pytest.mark.parametrize("suite", SUITES)
-@pytest.mark.parametrize(("seed", "period"), [(0, None), (7, 0.003)])
+@pytest.mark.parametrize(("seed", "period"), [(0, None), (3, 0.02), (7, 0.003)])
 def test_one_sample_at_a_time_is_the_whole_flight_bit_for_bit(suite, seed, period):
     nominal = short()
     whole = list(fly_whole(nominal, seed, suite, period).samples())
@@ -153,6 +163,13 @@ def test_streams_are_independent():
     assert np.array_equal(noise(3, "theta", 0.0, 5), np.zeros(5))
 
 
+def test_one_source_s_noise_is_left_alone_by_the_others():
+    loud, still = fly_whole(short(), 2), fly_whole(short(sensors={"theta_dot_std": 0.0, "beta_std": 0.0}), 2)
+    assert np.array_equal(loud.theta, still.theta)
+    assert not np.array_equal(loud.theta_dot, still.theta_dot)
+    assert not np.array_equal(loud.beta, still.beta)
+
+
 @pytest.mark.parametrize(("suite", "period"), [("flight", 0.01), ("ideal", 0.001)])
 def test_rows_are_every_period_from_zero_to_before_the_end(suite, period):
     flight = fly_whole(short(3.0), 0, suite)
@@ -176,7 +193,29 @@ def test_period_that_is_no_whole_number_of_steps_is_refused(period):
         fly_whole(short(), period=period)
 
 
+def test_period_zero_is_refused():
+    with pytest.raises(UsageError, match="period"):
+        fly_whole(short(), period=0.0)
+
+
+def test_unknown_suite_is_refused():
+    with pytest.raises(UsageError, match="suite"):
+        fly_whole(short(), suite="perfect")
+
+
 # ---- sensors
+
+
+@given(truth=hs.floats(-10, 10), error=hs.floats(-1, 1), step=hs.floats(1e-6, 0.5))
+def test_quantised_value_is_the_nearest_multiple(truth, error, step):
+    value = unjitted(measure)(truth, error, step)
+    assert abs(value / step - round(value / step)) < 1e-9
+    assert abs(value - (truth + error)) <= 0.5 * step * (1 + 1e-9)
+
+
+@given(truth=hs.floats(-10, 10), error=hs.floats(-1, 1))
+def test_step_zero_is_no_quantisation(truth, error):
+    assert unjitted(measure)(truth, error, 0.0) == truth + error
 
 
 def test_quantised_flight_shows_multiples_only():
@@ -191,11 +230,11 @@ def test_quantised_flight_shows_multiples_only():
 # ---- the loop
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
-def test_logged_command_is_the_controller_s_from_the_logged_attitude(name):
+@pytest.mark.parametrize(("name", "seed"), [(name, seed) for name in BUILT_IN for seed in (0, 11)])
+def test_logged_command_is_the_controller_s_from_the_logged_attitude(name, seed):
     """Plain Python on two columns of the log gives a third one back, bit for bit."""
     nominal = load_nominal(name)
-    flight = fly_whole(nominal, 11)
+    flight = fly_whole(nominal, seed)
     kp, kd, tau, period = (getattr(nominal.controller, key) for key in
                            ("kp", "kd", "derivative_time_constant", "period"))
     limit = nominal.actuator.deflection_limit
@@ -209,11 +248,35 @@ def test_logged_command_is_the_controller_s_from_the_logged_attitude(name):
     assert flight.beta_cmd.tolist() == commands
 
 
+def test_command_is_limited():
+    flight = fly_whole(short(12.0, actuator={"deflection_limit": 0.01}), 0)
+    assert np.max(np.abs(flight.beta_cmd)) == 0.01
+
+
 def test_command_is_held_over_the_controller_s_period():
     flight = fly_whole(short(2.0), 0, "flight", 0.001)
     held = flight.beta_cmd.reshape(-1, 10)
     assert (held == held[:, :1]).all()
     assert len(np.unique(held[:, 0])) > 150
+
+
+def test_reference_is_the_guidance_table():
+    flight = fly_whole(load_nominal("constant"), 0)
+    expected = np.interp(flight.t, CONSTANT["guidance"]["t"], CONSTANT["guidance"]["theta_ref"])
+    assert np.allclose(flight.theta_ref, expected, atol=1e-15)
+    assert np.abs(flight.theta - flight.theta_ref).max() < 0.1
+
+
+@given(free=hs.floats(-5, 5))
+def test_command_is_within_its_limit(free):
+    assert unjitted(limited)(0.12, free) == (free if abs(free) <= 0.12 else math.copysign(0.12, free))
+
+
+def test_pseudo_derivative_of_a_ramp_tends_to_its_slope():
+    derivative = 0.0
+    for k in range(1, 400):
+        derivative = unjitted(pseudo_derivative)(0.05, 0.01, 0.3 * 0.01 * k, 0.3 * 0.01 * (k - 1), derivative)
+    assert derivative == pytest.approx(0.3, rel=1e-12)
 
 
 # ---- the actuator's delay
@@ -231,7 +294,16 @@ def test_delayed_command_is_the_mean_of_the_held_command_over_the_step(seed, tic
     assert made == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("delay", [0.03, 0.002])
+def test_no_delay_is_the_command_itself():
+    commands = np.array([1.0, 2.0, 3.0])
+    assert unjitted(delayed_command)(commands, 1, 0.009, 0.001, 0.01, 0.0) == 2.0
+
+
+def test_command_before_the_first_was_zero():
+    assert unjitted(delayed_command)(np.array([1.0, 2.0]), 1, 0.0, 0.001, 0.01, 0.05) == 0.0
+
+
+@pytest.mark.parametrize("delay", [0.01, 0.03, 0.035, 0.002])
 def test_delay_shifts_the_nozzle(delay):
     """Open loop, gains zero: the nozzle follows the command noise alone, and does so `delay` later."""
     loop = {"controller": {"kp": 0.0, "kd": 0.0}}
@@ -241,6 +313,11 @@ def test_delay_shifts_the_nozzle(delay):
     assert np.allclose(late.beta[:n], 0.0, atol=1e-12)
     assert np.allclose(late.beta[n:], prompt.beta[:-n], atol=1e-11)
     assert np.std(prompt.beta) > 1e-4
+
+
+def test_delay_destabilises_what_was_stable():
+    assert not fly_whole(short(40.0), 0).lost
+    assert fly_whole(short(40.0, actuator={"delay": 0.3}), 0).lost
 
 
 # ---- the nominals that come with it
@@ -253,6 +330,15 @@ def test_built_in_nominal_has_every_section(name):
     assert nominal.name == name
     assert (nominal.vehicle.k1 < 0).all()
     assert load_nominal(built_in(name)).name == name
+
+
+def test_constant_nominal_is_its_file():
+    nominal = load_nominal("constant")
+    for section in ("actuator", "controller", "sensors", "simulation"):
+        for key, value in CONSTANT[section].items():
+            assert getattr(getattr(nominal, section), key) == value, (section, key)
+    assert (nominal.vehicle.a6.tolist(), nominal.vehicle.k1.tolist()) == ([2.0], [-7.0])
+    assert (nominal.actuator.delay, nominal.diagnosis.tolerance, nominal.sensors.theta_step) == (0.0, 0.02, 0.0)
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -305,11 +391,89 @@ def refused(path: Path, text: str | bytes) -> str:
     return message
 
 
+def edited(section: str, key: str, value: object) -> str:
+    table = copy.deepcopy(CONSTANT)
+    table.setdefault(section, {})[key] = value
+    return toml_of(table)
+
+
+NUMBERS = [(section, key) for section in SECTIONS for key, value in CONSTANT[section].items()
+           if not isinstance(value, list)]
+OPTIONAL = {("actuator", "delay"), ("actuator", "command_noise_std"), ("actuator", "deflection_limit"),
+            ("simulation", "step"), ("simulation", "acceleration_noise_std")}
+EXTRA = [("actuator", "delay"), ("sensors", "theta_step"), ("sensors", "theta_dot_step"), ("sensors", "beta_step"),
+         ("diagnosis", "tolerance")]
+SIGNED = {("vehicle", "a6"), ("vehicle", "k1"), ("controller", "kp"), ("controller", "kd")}
+POSITIVE = {("actuator", "natural_frequency"), ("actuator", "deflection_limit"), ("controller", "period"),
+            ("sensors", "period"), ("simulation", "step"), ("simulation", "duration"), ("uncertainty", "a6"),
+            ("uncertainty", "k1")}
+
+
+@every(("section", "key"), NUMBERS + EXTRA)
+@every("value", ["2.0", True, math.nan, math.inf, [1.0], -1.0, 0.0])
+def test_wrong_number_is_named(tmp_path, section, key, value):
+    place = (section, key)
+    fine = (value == -1.0 and place in SIGNED) or (value == 0.0 and place not in POSITIVE)
+    path = tmp_path / "nominal.toml"
+    if fine and not isinstance(value, (bool, str, list)):
+        path.write_text(edited(section, key, value))
+        assert load_nominal(path).name == "constant"
+        return
+    message = refused(path, edited(section, key, value))
+    assert f"{section}.{key}" in message
+    assert repr(value) in message
+    assert "expected a number" in message
+
+
+@every(("section", "key"), [*NUMBERS, ("guidance", "t"), ("guidance", "theta_ref")])
+def test_missing_key_is_named_unless_it_has_a_default(tmp_path, section, key):
+    table = copy.deepcopy(CONSTANT)
+    del table[section][key]
+    path = tmp_path / "nominal.toml"
+    if (section, key) in OPTIONAL:
+        path.write_text(toml_of(table))
+        assert load_nominal(path).name == "constant"
+    else:
+        assert f"'{section}.{key}' is missing" in refused(path, toml_of(table))
+
+
+@pytest.mark.parametrize("section", ["actuator", "controller", "guidance", "simulation"])
+def test_section_that_a_flight_needs_is_named(tmp_path, section):
+    path = tmp_path / "nominal.toml"
+    path.write_text(toml_of({name: value for name, value in CONSTANT.items() if name != section}))
+    with pytest.raises(InputError, match=rf"\[{section}\] is missing") as caught:
+        fly_whole(load_nominal(path))
+    assert str(path) in str(caught.value)
+
+
 def test_section_that_dispersion_needs_is_named(tmp_path):
     path = tmp_path / "nominal.toml"
     path.write_text(toml_of({name: value for name, value in CONSTANT.items() if name != "uncertainty"}))
     with pytest.raises(InputError, match=r"\[uncertainty\] is missing"):
         dispersion(load_nominal(path), 1, 1)
+
+
+@pytest.mark.parametrize(("section", "key", "value"), [
+    ("sensors", "period", 0.0105), ("controller", "period", 0.0005), ("simulation", "step", 0.003),
+    ("simulation", "step", 0.02)])
+def test_periods_that_are_no_whole_steps_are_named(tmp_path, section, key, value):
+    message = refused(tmp_path / "nominal.toml", edited(section, key, value))
+    assert "period" in message and "whole number of simulation steps" in message
+
+
+@pytest.mark.parametrize("text", [
+    pytest.param(edited("vehicle", "a6", 10**400), id="integer beyond float: OverflowError"),
+    pytest.param(edited("vehicle", "a6", 0.0).replace("a6 = 0.0", "a6 = 1" + "0" * 5000),
+                 id="integer beyond Python's digits: ValueError of tomllib"),
+    pytest.param(edited("vehicle", "a6", 0.0).replace("a6 = 0.0", "a6 = " + "[" * 5000), id="nesting: RecursionError"),
+    pytest.param('"two\\nlines" = 1\n' + toml_of(CONSTANT), id="key with a line feed: two lines of message"),
+    pytest.param(toml_of({**CONSTANT, "vehicle": {"profile": "a"}}).replace('"a"', '"a\\u0000b"'),
+                 id="profile path with NUL: ValueError"),
+    pytest.param(toml_of({**CONSTANT, "vehicle": {"profile": "a"}}).replace('"a"', '"a\\nb"'),
+                 id="profile path with a line feed: two lines of message"),
+])
+def test_odd_file_is_refused_in_one_line(tmp_path, text):
+    refused(tmp_path / "nominal.toml", text)
 
 
 @pytest.mark.parametrize("duration", [1e300, 1e12])
@@ -331,6 +495,13 @@ def test_profile_is_found_beside_its_nominal(tmp_path):
     assert load_nominal(tmp_path / "nominal.toml").vehicle.a6.tolist() == [1.0, 3.0]
     message = refused(tmp_path / "other.toml", toml_of({**CONSTANT, "vehicle": {"profile": "none.csv"}}))
     assert str(tmp_path / "none.csv") in message
+
+
+@pytest.mark.parametrize(("column", "text"), [("a6", "t,a6,k1\n0,0,1\n"), ("k1", "t,a6,k1\n0,1,-1\n")])
+def test_sigma_profile_must_be_positive(tmp_path, column, text):
+    (tmp_path / "sigma.csv").write_text(text)
+    message = refused(tmp_path / "n.toml", toml_of({**CONSTANT, "uncertainty": {"profile": "sigma.csv"}}))
+    assert "uncertainty.profile" in message and "above 0" in message
 
 
 @pytest.mark.parametrize(("period", "step"), [(0.01, 0.001), (1 / 128, 1 / 1024), (1 / 400, 1 / 1200), (0.004, 0.001)])

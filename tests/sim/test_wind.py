@@ -25,6 +25,7 @@ from sim.nominal import (
     load_nominal,
     write_nominal,
 )
+from sim.sections import UNKNOWN_WIND
 
 COLUMNS = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot", "theta_ddot", "a6", "k1")
 DRIFT = Drift(np.zeros(1), np.array([-0.03]), np.array([-0.02]))
@@ -91,6 +92,26 @@ def test_offsets_have_their_sigma_and_no_correlation():
     assert np.max(np.abs(np.corrcoef(drawn.T) - np.eye(5))) < 5 / math.sqrt(3000)
 
 
+def test_walk_turbulence_and_offsets_are_left_alone_by_each_other():
+    walk, turbulence = (drawn_wind(wind, 3, 500, 0.01) for wind in
+                        (Wind(walk=0.01), Wind(turbulence=0.02, initial=0.0)))
+    both = drawn_wind(Wind(walk=0.01, turbulence=0.02), 3, 500, 0.01)
+    assert np.array_equal(both, walk + turbulence)
+    assert drawn_offsets(Offsets(moment=0.02), 3)["moment"] == drawn_offsets(UNSURE, 3)["moment"]
+
+
+def test_first_wind_is_unknown_by_default_where_there_is_any():
+    assert (Wind().initial, Wind(walk=0.01).initial, Wind(turbulence=0.01).initial) == (0.0, UNKNOWN_WIND, UNKNOWN_WIND)
+    assert Wind(walk=0.01, initial=0.0).initial == 0.0
+
+
+def test_forecast_is_linear_between_nodes_and_held_beyond():
+    forecast = Forecast(np.array([1.0, 3.0]), np.array([0.0, 0.04]))
+    assert forecast.at(np.array([0.0, 1.5, 2.0, 9.0])).tolist() == [0.0, 0.01, 0.02, 0.04]
+    flight = fly_whole(short(wind=Wind(profile=forecast)))
+    assert np.allclose(flight.wind, forecast.at(flight.t), rtol=0.0, atol=1e-15)
+
+
 # ---- where they vanish
 
 
@@ -104,6 +125,20 @@ def test_levels_of_zero_change_no_bit(name, suite):
     plain = fly_whole(nominal, 3, suite)
     assert bits(fly_whole(none, 3, suite)) == bits(fly_whole(still, 3, suite)) == bits(plain)
     assert np.isnan(plain.gamma).all() and plain.offsets == {} and not plain.wind.any() and not plain.true_gamma.any()
+
+
+def test_noises_are_left_alone_by_the_world():
+    """Open loop: what differs between the flights is the world's, to rounding; the sensors' noise is the same."""
+    calm, windy = (fly_whole(short(2.0, controller={"kp": 0.0, "kd": 0.0}, **world), 5) for world in
+                   ({}, {"wind": WINDY, "drift": DRIFT}))
+    assert np.array_equal(calm.beta, windy.beta) and not np.array_equal(calm.theta, windy.theta)
+
+
+def test_same_seed_is_the_same_wind_and_another_is_another():
+    flights = [fly_whole(short(wind=WINDY, offsets=UNSURE), seed) for seed in (3, 3, 4)]
+    assert bits(flights[0], (*COLUMNS, "wind")) == bits(flights[1], (*COLUMNS, "wind"))
+    assert not np.array_equal(flights[0].wind, flights[2].wind)
+    assert flights[0].offsets == flights[1].offsets != flights[2].offsets
 
 
 @pytest.mark.parametrize("suite", SUITES)
@@ -156,6 +191,19 @@ def test_constant_forecast_is_the_steady_wind(drift):
     assert forecast.wind[0] == steady.wind[0] == 0.02
 
 
+def test_gust_is_in_the_wind():
+    flight = fly_whole(short(), 2, effects=[from_text("gust:angle=0.02,time=1,duration=2")])
+    expected = np.where((flight.t > 1) & (flight.t < 3), 0.01 * (1 - np.cos(np.pi * (flight.t - 1))), 0.0)
+    assert np.allclose(flight.wind, expected, atol=1e-15) and flight.wind.max() == pytest.approx(0.02)
+
+
+def test_cubic_is_in_the_angle_of_attack():
+    cubic = from_text("aero_cubic:coefficient=30")
+    f = fly_whole(short(wind=constant_wind(0.02), drift=DRIFT), 3, "ideal", effects=[cubic])
+    alpha = f.theta - f.gamma + 0.02
+    assert np.allclose(f.theta_ddot, f.a6 * (alpha + 30 * alpha**3) + f.k1 * f.beta, rtol=0.0, atol=1e-14)
+
+
 def test_each_offset_is_its_effect():
     for name, key in (("thrust_misalignment", "angle"), ("attitude_bias", "angle"), ("gyro_bias", "rate"),
                       ("nozzle_sensor_bias", "angle")):
@@ -163,6 +211,11 @@ def test_each_offset_is_its_effect():
         assert list(flight.offsets) == [name]
         same = fly_whole(short(), 2, effects=[from_text(f"{name}:{key}={flight.offsets[name]!r}")])
         assert bits(flight) == bits(same), name
+
+
+def test_moment_is_in_the_acceleration():
+    f = fly_whole(short(offsets=Offsets(moment=0.02)), 2, "ideal")
+    assert np.allclose(f.theta_ddot - f.a6 * f.theta - f.k1 * f.beta, f.offsets["moment"], rtol=0.0, atol=1e-14)
 
 
 def test_gamma_has_its_noise_in_the_flight_suite_alone():
@@ -221,6 +274,12 @@ def test_sections_of_the_world_read_back(tmp_path):
         assert bits(fly_whole(again, 3), (*COLUMNS, "gamma", "wind")) == \
             bits(fly_whole(nominal, 3), (*COLUMNS, "gamma", "wind"))
     assert np.array_equal(again.wind.profile.wind, forecast.wind)
+
+
+def test_calm_nominal_writes_none_of_them(tmp_path):
+    write_nominal(short(), tmp_path / "n.toml")
+    text = (tmp_path / "n.toml").read_text()
+    assert not any(word in text for word in ("wind", "offsets", "drift", "\ntime_constant", "law", "gamma", "rate_ref"))
 
 
 @every(("text", "expected"), [

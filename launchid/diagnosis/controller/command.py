@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from sim.errors import InputError
-from sim.flight import excitation, packed
+from sim.flight import excitation
 from sim.nominal import Nominal
 
-from ...controller_replay import constants_of, issued
+from ...controller_replay import PERIOD, constants_of, issued
 from ...log.detect import DataCheck
 from ...log.log import Log
 from ..data.record import BETA, THETA, Record, no_servo, on_grid
@@ -23,10 +23,10 @@ from .ticks import (
     Ticks,
     between,
     carried,
+    command_noise,
     falls_between,
     issued_at,
     lined,
-    noise_std,
     over_grid,
     ticks_of,
 )
@@ -139,18 +139,10 @@ def _answered(draft: Record) -> Record:
     none = np.full(draft.rows, math.nan)
     own = ticks_of(draft, none)
     if own is None:
-        return replace(draft, commands=recomputed(draft), input="controller")
+        return replace(draft, commands=_recomputed(draft), input="controller")
     commands = _recomputed_at(own, draft)
-    draft = in_doubt(between(draft, own), of_noise(draft), len(commands) / draft.rows - (draft.fine == 1))
+    draft = in_doubt(between(draft, own), command_noise(draft), len(commands) / draft.rows - (draft.fine == 1))
     return replace(draft, commands=over_grid(own, draft, commands), input="controller")
-
-
-def of_noise(r: Record) -> float:
-    """The command [rad] that the controller makes at once of the attitude's noise."""
-    kp, kd, tau, period, _ = controller_gains(r.nominal)
-    changes = packed(r.nominal)
-    kp, kd = changes.kp_scale * kp, changes.kd_scale * kd
-    return float(abs(kp + kd / (tau + period))) * noise_std(r)
 
 
 def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:
@@ -195,30 +187,13 @@ def _phase(command: np.ndarray, held: int) -> int:
 # ---- recomputed
 
 
-def controller_gains(nominal: Nominal) -> np.ndarray:
-    """kp, kd [s], derivative time constant [s], period [s], deflection limit [rad]."""
-    c = nominal.controller
-    assert c is not None
-    limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
-    return np.array([c.kp, c.kd, c.derivative_time_constant, c.period, limit])
-
-
-def without_limit(r: Record) -> Record:
-    """The record of a nozzle that is sent anywhere: what is recomputed then is linear."""
-    if r.nominal.actuator is None:
-        return r
-    wide = replace(r.nominal.actuator, deflection_limit=math.inf)
-    return replace(r, nominal=replace(r.nominal, actuator=wide))
-
-
-def recomputed(r: Record) -> np.ndarray:
+def _recomputed(r: Record) -> np.ndarray:
     """The nominal controller's command [rad] of every row of a log as fast as it from the measured attitude and the
     reference, linear over rows without one."""
-    rows = np.arange(r.rows)
     error = lined(r.z[:, THETA]) - lined(r.reference)
     first = (r.first_step + r.held_phase * r.every) // (r.tick * r.held)
     commands = np.repeat(_answer(r, error[r.held_phase::r.held], first), r.held)
-    return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:len(rows)]
+    return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:r.rows]
 
 
 def _recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
@@ -234,5 +209,6 @@ def _recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
 
 def _answer(r: Record, error: np.ndarray, first: int) -> np.ndarray:
     """The nominal controller's commands (periods,) [rad] to errors (periods,) [rad] from its period `first` on."""
-    test = excitation(r.nominal, first + len(error), constants_of(r.nominal)[3])[first:]
-    return issued(r.nominal, constants_of(r.nominal), error, test)[0]
+    constants = constants_of(r.nominal)
+    test = excitation(r.nominal, first + len(error), constants[PERIOD])[first:]
+    return issued(r.nominal, constants, error, test)[0]

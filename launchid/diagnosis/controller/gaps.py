@@ -1,4 +1,8 @@
-"""The controller's check of a log slower than the controller: the errors between its rows are predicted ones.
+"""A log slower than its controller: the check of the controller, and the commands between rows where they follow.
+
+Every logged command holds what the derivative's filter knew, so with the reference the errors that the log does not
+have follow from the commands that it has: the derivative's state is known at either end of a gap (`filled`).  The check
+takes them from what a model predicts.
 
 With alpha = tau/(tau + T) and m ticks a row the commands of two rows obey
 
@@ -16,12 +20,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller_replay import NEAR_LIMIT, lowest
+from sim.flight import excitation, packed
+
+from ...controller_replay import KI, NEAR_LIMIT, constants_of, lowest, rms
 from ...sums import combined, least_squares, products
-from ..data.record import THETA, Record
-from .fill import OnBoard, errors_seen, on_board, shifted, test_issued
-from .kind import FEWEST, NONE, ROUNDING, UNKNOWN, ControllerCheck
-from .ticks import noise_std
+from ..data.record import THETA, THETA_DOT, Record
+from .check import FEWEST, NONE, ROUNDING, UNKNOWN, ControllerCheck
+from .command import in_doubt
+from .ticks import command_noise, noise_std
 
 SAME_PREDICTED = 0.02  # relative, of a gain and of a time constant: closer is the same
 NOISE = 4.0            # times what the attitude's noise between rows makes: more is no difference of gains
@@ -43,9 +49,81 @@ class Seen(NamedTuple):
     innovations: np.ndarray
 
 
-def rms(x: np.ndarray) -> float:
-    """Root mean square, above 0 so that it has a logarithm."""
-    return max(float(np.sqrt(np.mean(x**2))), 1e-12)
+class OnBoard(NamedTuple):
+    """The controller on board, its effects included: gains, derivative time constant and period [s], limit [rad],
+    computing time in periods."""
+
+    kp: float
+    kd: float
+    tau: float
+    period: float
+    limit: float
+    late: int
+
+
+def on_board(record: Record) -> OnBoard:
+    """The nominal's controller with the effects that the nominal has."""
+    kp, kd, tau, period, limit = (float(x) for x in constants_of(record.nominal)[:KI])
+    return OnBoard(kp, kd, tau, period, limit, round(packed(record.nominal).computing_time / period))
+
+
+def errors_seen(record: Record, attitude: np.ndarray) -> np.ndarray:
+    """The errors (ticks,) [rad], attitude less reference: measured at the rows, of the predicted `attitude` between."""
+    m, n = record.every // record.tick, record.rows
+    known, measured = np.isfinite(record.reference), np.isfinite(record.z[:, THETA])
+    reference = np.interp(np.arange(n * m) / m, np.arange(n)[known], record.reference[known])
+    error = attitude - reference
+    error[::m] = np.where(measured, record.z[:, THETA], attitude[::m]) - reference[::m]
+    return error
+
+
+def shifted(x: np.ndarray, by: int) -> np.ndarray:
+    """Delay an array by `by` places, repeating its first value."""
+    by = min(by, len(x))
+    return x if by == 0 else np.concatenate([np.repeat(x[:1], by, axis=0), x[:-by]])
+
+
+def test_issued(record: Record, late: int) -> np.ndarray:
+    """The test input (ticks,) [rad] at every tick of the commands, issued when computing takes so many periods; before
+    tick 0 there was none."""
+    first, ticks = record.first_step // record.tick - late, len(record.commands)
+    test = excitation(record.nominal, max(first + ticks, 0), on_board(record).period)
+    return np.concatenate([np.zeros(max(-first, 0)), test[max(first, 0):]])[:ticks]
+
+
+def _derivative(of: OnBoard, error: np.ndarray, before: np.ndarray, derivative: np.ndarray) -> np.ndarray:
+    """The controller's pseudo-derivative a period later (`vehicle.controller`), of arrays."""
+    return np.asarray((of.tau * derivative + error - before) / (of.tau + of.period))
+
+
+def filled(record: Record, attitude: np.ndarray, of: OnBoard) -> Record:
+    """The record with the commands of this controller, late by whole rows, between its rows.
+
+    With one tick between rows the commands at either end fix its error exactly; with more they correct the predicted
+    ones by the least change, and noise between rows leaves the commands off.
+
+    attitude  (ticks,) [rad] predicted
+    """
+    m, commands = record.every // record.tick, record.commands.copy()
+    kp, kd, tau, period, limit, late = of
+    error, test = shifted(errors_seen(record, attitude), late), test_issued(record, late)
+    measured = shifted(np.isfinite(record.z[:, THETA]), late // m)
+    row = (commands[::m] - test[::m] - kp * error[::m]) / kd
+    fair = (np.abs(commands[::m]) < limit) & measured & (record.logged if record.logged is not None else True)
+    alpha = tau / (tau + period)
+    weights = -alpha**np.arange(m - 2, -1, -1.0) * (1.0 - alpha) / (tau + period)
+    arrived, gaps = row[:-1].copy(), record.rows - 1
+    for j in range(1, m + 1):
+        arrived = _derivative(of, error[j:gaps * m + j:m][:gaps], error[j - 1:gaps * m + j - 1:m][:gaps], arrived)
+    missing = np.where(fair[:-1] & fair[1:], row[1:] - arrived, 0.0)
+    for j in range(1, m):
+        error[j:gaps * m:m] += weights[j - 1] / float(weights @ weights) * missing
+    derivative = row
+    for j in range(1, m):
+        derivative = _derivative(of, error[j::m], error[j - 1::m][:len(error[j::m])], derivative)
+        commands[j::m] = np.clip(kp * error[j::m] + kd * derivative + test[j::m], -limit, limit)
+    made = replace(record, commands=commands, between=0.0, unsure=0.0)
+    return made if m == 2 else in_doubt(made, command_noise(record), m - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +139,7 @@ class Left:
 
     @property
     def rms(self) -> float:
-        return rms(self.rest)
+        return max(rms(self.rest), 1e-12)   # it has a logarithm
 
     def over(self, other: "Left") -> float:
         """Evidence [nats] over another explanation, less what a free number must bring."""
@@ -131,7 +209,7 @@ class Gaps:
         """Test that `rest` is white and its rms at most `most` times what the attitude's noise leaves in a gap."""
         own = self.own
         small = most * self.noise * own.kd * own.period / (own.tau + own.period)**2
-        colour = float(np.mean(rest[1:] * rest[:-1])) / rms(rest)**2
+        colour = float(np.mean(rest[1:] * rest[:-1])) / max(rms(rest), 1e-12)**2
         return rms(rest) <= small and abs(colour) <= max(COLOURED, BY_CHANCE / math.sqrt(len(rest)))
 
     def check(self) -> ControllerCheck:
@@ -161,7 +239,7 @@ def _surprises(seen: Seen) -> np.ndarray:
 def check_gaps(record: Record, seen: Seen) -> ControllerCheck | None:
     """The check of a slow log; None where it is not possible: without a rate the predicted errors are too poor."""
     own, ticks = on_board(record), record.every // record.tick
-    if "theta_dot" not in record.channels or not follows(own, ticks) or own.kp == 0.0 or own.tau == 0.0:
+    if not np.isfinite(record.z[:, THETA_DOT]).any() or not follows(own, ticks) or own.kp == 0.0 or own.tau == 0.0:
         return None
     tries = [gaps for gaps in (Gaps(record, seen, late) for late in range(LATEST + 1)) if gaps.fair.sum() >= FEWEST]
     if not tries or tries[0].late > 0:
@@ -171,18 +249,6 @@ def check_gaps(record: Record, seen: Seen) -> ControllerCheck | None:
         return found
     others = [each for each in (gaps.check() for gaps in tries[1:]) if each.kind != UNKNOWN]
     return min(others, key=lambda each: each.after, default=found)
-
-
-def told_by(checked: ControllerCheck, own: OnBoard) -> OnBoard:
-    """The controller with what a check found of it."""
-    return own._replace(kp=checked.kp_scale * own.kp, kd=checked.kd_scale * own.kd,
-                        tau=checked.time_constant or own.tau, late=own.late + checked.late(own.period))
-
-
-def is_believed(record: Record, seen: Seen) -> bool:
-    """Whether the nominal's controller leaves no more than noise in the gaps."""
-    gaps = Gaps(record, seen)
-    return gaps.is_noise(gaps.left(gaps.own.tau, ()).rest)
 
 
 def follows(own: OnBoard, ticks: int) -> bool:

@@ -7,59 +7,55 @@ lines of `command`.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
 from sim.effects import CATALOGUE
 
 from ..data.record import BETA, Record
-from .check import check_controller
+from .check import NONE, UNKNOWN, ControllerCheck, check_controller
 from .command import unsure
-from .fill import filled, on_board
-from .gaps import CLEARLY, Seen, check_gaps, follows, is_believed, told_by
-from .kind import NONE, UNKNOWN, ControllerCheck
-from .rates import check_rate
+from .gaps import CLEARLY, Gaps, Seen, check_gaps, filled, follows, on_board
 
 FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
 
 
-class Follower(Protocol):
-    """A model that follows a log."""
+def with_commands(record: Record, follow: Callable[[Record], Seen | None]) -> tuple[Record, ControllerCheck | None]:
+    """The record with its missing commands, where they follow, and the controller's check.
 
-    def seen(self, record: Record) -> Seen | None:
-        """The predictions between the rows; None: the model does not stay with the log."""
-
-
-def with_commands(record: Record, follower: Follower) -> tuple[Record, ControllerCheck | None]:
-    """The record with its missing commands, where they follow, and the controller's check."""
-    if record.law is not None and record.law.is_rate_law:
-        return record, check_rate(record)
-    if record.law is not None:
-        flown = replace(record, nominal=replace(record.nominal, controller=record.law))
-        return record, check_controller(flown)
-    if not is_slow(record):
+    follow  predicts between the rows with a model of the vehicle; None: the model does not stay with the log
+    """
+    is_slow = record.every > record.tick and record.fine == 1 and record.input != "beta" \
+        and record.nominal.controller is not None   # it has not every command that was issued
+    if record.law is not None or not is_slow:
         return record, check_controller(record)
     if record.input == "controller" or not np.isfinite(record.reference).any() or \
             not follows(on_board(record), record.every // record.tick):
         return record, None
     made, checked, own = record, None, on_board(record)
     for _ in range(FILLINGS):
-        seen = follower.seen(made)
+        seen = follow(made)
         if seen is None:
             return record, None
         checked = check_gaps(made, seen)
         if checked is not None and checked.kind == UNKNOWN:
             return record, checked
-        made = filled(made, seen.attitude, own if checked is None else told_by(checked, own))
+        told = own if checked is None else own._replace(
+            kp=checked.kp_scale * own.kp, kd=checked.kd_scale * own.kd, tau=checked.time_constant or own.tau,
+            late=own.late + round(checked.delay / own.period))
+        made = filled(made, seen.attitude, told)
     if checked is not None and checked.kind != NONE:
         assert seen is not None
         believed = filled(record, seen.attitude, own)
-        if not _confirms(follower.seen(made), follower.seen(believed)):
-            return believed, replace(checked, kind=NONE if is_believed(record, seen) else UNKNOWN)
-    told = checked is not None and checked.kind != NONE
-    if told or any(CATALOGUE[each.name].where == "controller" for each in record.nominal.effects):  # what some log told
+        if not _confirms(follow(made), follow(believed)):
+            gaps = Gaps(record, seen)
+            is_believed = gaps.is_noise(gaps.left(own.tau, ()).rest)
+            return believed, replace(checked, kind=NONE if is_believed else UNKNOWN)
+    is_told = checked is not None and checked.kind != NONE
+    was_told = any(CATALOGUE[each.name].where == "controller" for each in record.nominal.effects)   # by some log
+    if is_told or was_told:
         made = replace(made, unsure=unsure(record.every / record.tick - 1.0))
     return made, checked
 
@@ -72,9 +68,3 @@ def _confirms(told: Seen | None, believed: Seen | None) -> bool:
     (one, rows), (other, _) = ((np.nansum(each.innovations[:, BETA]**2), np.isfinite(each.innovations[:, BETA]).sum())
                                for each in (told, believed))
     return rows == 0 or bool(0.5 * rows * math.log(other / one) > CLEARLY)
-
-
-def is_slow(record: Record) -> bool:
-    """The log has not every command that its controller issued."""
-    return record.every > record.tick * record.thinned and record.fine == 1 and record.input != "beta" \
-        and record.nominal.controller is not None

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller_replay import NEAR_LIMIT
+from ...controller_replay import KD, KP, NEAR_LIMIT, PERIOD, TIME_CONSTANT, constants_of
 from ...sums import combined, least_squares
 from ..data.record import THETA, Record
 
@@ -63,11 +63,16 @@ def noise_std(record: Record) -> float:
     return math.hypot(sensors.theta_std, sensors.theta_step / 12**0.5)
 
 
+def command_noise(record: Record) -> float:
+    """The command [rad] that the controller makes at once of the attitude's noise."""
+    c = constants_of(record.nominal)
+    return float(abs(c[KP] + c[KD] / (c[TIME_CONSTANT] + c[PERIOD]))) * noise_std(record)
+
+
 def falls_between(record: Record, command: np.ndarray) -> bool:
     """Whether the rows' attitudes are not those that the controller answered: no linear law of some rows gives the
     commands (n,) [rad] (NaN: not logged) of the next one but for what noise makes of a command."""
-    own, noise = record.nominal.controller, noise_std(record)
-    if own is None or noise == 0.0 or not np.isfinite(command).any():
+    if record.nominal.controller is None or noise_std(record) == 0.0 or not np.isfinite(command).any():
         return False
     first, stride = record.held_phase, record.held
     theta, command = record.z[first::stride, THETA], command[first::stride]
@@ -82,8 +87,7 @@ def falls_between(record: Record, command: np.ndarray) -> bool:
     if np.count_nonzero(whole) < FEWEST:
         return False
     rest = wanted[whole] - combined(among[whole], least_squares(among[whole], wanted[whole]))
-    return float(np.median(np.abs(rest))) > NORMAL * OTHERS * noise * abs(
-        own.kp + own.kd / (own.derivative_time_constant + own.period))
+    return float(np.median(np.abs(rest))) > NORMAL * OTHERS * command_noise(record)
 
 
 def _told(at: np.ndarray, command: np.ndarray, period: float, limit: float) -> Ticks | None:

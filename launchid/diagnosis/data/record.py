@@ -1,8 +1,8 @@
-"""A log on a uniform grid, beside the nominal's parameters on it: what every fit of the diagnosis reads.
+"""A log on a uniform grid: what every fit of the diagnosis reads.
 
-Rows are the log's, one to each period; missing rows are rows without measurement.  Time is cut three ways:
-integration steps, controller ticks (each holds one command) and rows.  Where stamps jitter, or rows fall between the
-controller's ticks, a row is at the integration step next to its own stamp; steps and ticks are short enough for that.
+Rows are the log's, one to each period; missing rows are rows without measurement.  Time is cut three ways: steps of the
+grid, controller ticks (each holds one command) and rows.  Where stamps jitter, or rows fall between the controller's
+ticks, a row is at the step next to its own stamp; steps and ticks are short enough for that.
 
 Assumptions: of a uniform log whose period goes with the controller's the first row is at one of its ticks; stamps
 jitter by less than half a period.
@@ -24,10 +24,9 @@ from sim.vehicle.actuator import fastest_pole
 from ...log.channels import MEASURED as CHANNELS
 from ...log.detect import DataCheck
 from ...log.log import Log
-from ...sums import inner, square
+from ...log.stamps import even_grid
 
 THETA, THETA_DOT, BETA = range(3)
-LONGEST_STEP = 0.003     # s of the grid
 ESCAPED = 1.0e3          # rad beyond where the log has been: a model that diverges so far is not followed further
 FAR_FASTER = 10.0        # times: a servo's pole so much faster than rows and its other pole is done before either tells
 LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
@@ -36,13 +35,9 @@ MOST_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
 DIRECT = 4.5             # rad a row: the servo that stands for none lags by a third of a row
 SLOWEST_DIRECT = 500.0   # rad/s: but by no more than 3 ms
 DIRECT_DAMPING = 0.7
-MOST_DECIMALS = 6        # of a stamp that a logger rounded
-ULPS = 4.0               # that a number printed with so many is off, read again
-ROUNDING_SLACK = 0.02    # of the last one, beyond half of which either way no stamp is off
 JITTER = 0.01            # of a period, rms: less is a uniform log
-JITTER_STEPS = 12        # integration steps of a jittered row: a stamp is met to a twenty-fourth of a period
+JITTER_STEPS = 24        # steps of a jittered row: a stamp is met to a forty-eighth of a period
 JITTER_TICKS = 4         # commands of one: an input is placed to an eighth of a period
-FEWEST_CHANGES = 20      # of the command, that tell whether rows and controller have one clock
 LONG_STEP = 1.75         # median periods: longer steps are gaps (`stamps.GAP`) and say nothing about the period
 
 
@@ -54,15 +49,13 @@ class Record:
     commands    (ticks,) [rad] before delay and noise
     input       where they are from: "beta_cmd", "controller" (recomputed), or "beta": the measured nozzle angle, where
                 nothing else is known or the nominal has no [actuator]
-    a6, k1      (2 steps + 1,) [1/s^2] of the nominal's [vehicle] at every half step from `first_step` 0 on
     first_step  step index of the first row (log's clock / step)
     step [s], every (steps a row), tick (steps a command of `commands`)
     held        rows that share one command and its noise, 1 unless the log is faster than the controller;
                 held_phase: rows from the first to the first at which a command is issued
     logged      (n,) bool, rows that hold their command; None: the command is none of the log's
     at          (n,) steps from the first row to each;  fine  ticks a row, of parts of a command (rows between ticks)
-    wind        (steps + 1,) [rad] that is known: a forecast, less a measured flight path; (0,): none
-    thinned     every so many of the log's rows are left (`used`), all commands between them known
+    path        (2, k) stamps [s, the log's clock] and angles [rad] of the measured flight path
     between     [rad] one sigma by which commands that no row saw are off
     unsure      [nats] a row that these commands may feign, so that a cause must explain more
     law         of the nominal, of a rate or with filters: only whether the log's commands are its own is asked
@@ -75,8 +68,6 @@ class Record:
     commands: np.ndarray
     input: str
     reference: np.ndarray      # (n,) rad, NaN where not known
-    a6: np.ndarray
-    k1: np.ndarray
     first_step: int
     step: float
     every: int
@@ -91,9 +82,7 @@ class Record:
     logged: np.ndarray | None = None
     at: np.ndarray = None  # type: ignore[assignment]  # left out: uniform
     fine: int = 1
-    wind: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    path_is_known: bool = False
-    thinned: int = 1
+    path: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
 
     def __post_init__(self) -> None:
         if self.at is None:
@@ -127,11 +116,6 @@ class Record:
         return (self.first_step + 0.5 * self.every * (self.rows - 1)) * self.step
 
     @property
-    def channels(self) -> tuple[str, ...]:
-        """The measured channels."""
-        return tuple(name for k, name in enumerate(CHANNELS) if np.isfinite(self.z[:, k]).any())
-
-    @property
     def command_is_known(self) -> bool:
         """False when the measured nozzle angle stands in for it: nothing about the actuator can be told then."""
         return self.input != "beta"
@@ -155,17 +139,6 @@ def as_seen(servo: Actuator, period: float) -> Actuator:
     return replace(servo, natural_frequency=math.nan, damping_ratio=math.nan, time_constant=servo.lag)
 
 
-def integration_step(period: float, tick: float) -> float:
-    """The longest step [s], at most LONGEST_STEP, that divides both periods."""
-    fewest = max(1, math.ceil(period / LONGEST_STEP - 1e-9))
-    for parts in range(fewest, 200):
-        step = period / parts
-        ratio = tick / step
-        if abs(ratio - round(ratio)) < 1e-6 and round(ratio) >= 1:
-            return step
-    return period / fewest
-
-
 def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) -> tuple[Record, np.ndarray]:
     """(The log on its grid, yet without commands; the logged command (n,) [rad], NaN where there is none).
 
@@ -176,11 +149,12 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     if usable.sum() < 2:
         raise InputError(f"{log.path}: fewer than two rows with usable time stamps; expected a log")
     t = log.t[usable]
+    if (even := even_grid(t)) is not None:   # stamps that were rounded
+        t = even[0]
     period = _period(t, nominal)
-    shift = 0.0 if 0.0 <= t[0] <= LATEST_START else float(t[0])
-    index, off = _places(t, _period_of_rows(t, log.beta_cmd[usable], period, nominal))
-    if _is_printed(t, index):
-        off = np.zeros(len(t))
+    place = (t - t[0]) / period
+    index = np.round(place).astype(np.int64)
+    off = place - index
     first = np.concatenate([[True], np.diff(index) > 0])  # two stamps on one place of the grid: the earlier counts
     n = int(index[-1]) + 1
     if n > MOST_ROWS:
@@ -198,86 +172,30 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     z = np.column_stack([column(name) for name in CHANNELS])
     reference, command = column("theta_ref"), column("beta_cmd")
     own = nominal.controller
-    nominal = _shifted(_answerable(nominal), shift)
+    first_step = round(t[0] / step) if 0.0 <= t[0] <= LATEST_START else 0
+    shift = round(float(t[0]) - first_step * step, CLOCK_DIGITS)
+    law = own if own is not None and (own.filters or own.is_rate_law) else None   # whose command is not recomputed
+    nominal = _shifted(nominal if law is None else replace(nominal, controller=None), shift)
     actuator = no_servo(period) if nominal.actuator is None else as_seen(nominal.actuator, period)
-    first_step = round((t[0] - shift) / step)
     at = every * np.arange(n, dtype=np.int64)
     if fine > 1:
         at[index[first]] += np.round(off[first] * every).astype(np.int64)
-    steps = first_step + n * every
-    half = np.arange(2 * steps + 1) * (0.5 * step)
-    a6, k1 = nominal.vehicle.at(half + shift)
-    path = log.flight_path[usable]
-    wind = _known_wind(nominal, half[::2] + shift, t, path)
-    draft = Record(nominal, actuator, z, np.zeros(0), "", reference, np.ascontiguousarray(a6), np.ascontiguousarray(k1),
-                   first_step, step, every, tick, shift, at=at, fine=fine,
-                   wind=wind, path_is_known=bool(np.isfinite(path).any()),
-                   law=own if own is not None and (own.filters or own.is_rate_law) else None,
-                   rate_reference=column("rate_ref"))
+    path = np.stack([t, log.flight_path[usable]])
+    draft = Record(nominal, actuator, z, np.zeros(0), "", reference, first_step, step, every, tick, shift, at=at,
+                   fine=fine, path=path[:, np.isfinite(path[1])],
+                   law=law, rate_reference=column("rate_ref"))
     return draft, command
 
 
-def _places(t: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """(row of the grid (n,) int64, how far after it [periods]) of stamps t (n,)."""
-    place = (t - t[0]) / period
-    index = np.round(place).astype(np.int64)
-    return index, place - index
-
-
-def _period_of_rows(t: np.ndarray, command: np.ndarray, period: float, nominal: Nominal) -> float:
-    """The period [s] by which stamps t (n,) [s] are placed on the grid.  It is `period`, or their own, where they are a
-    little longer or shorter and the commands (n,) [rad] change after every so many rows all along: rows and controller
-    have one clock, and it is not the one that the nominal believes."""
-    steps, rows = np.diff(t), nominal.controller.period / period if nominal.controller is not None else 1.0
-    changes = np.flatnonzero(np.diff(command) != 0.0)
-    held = round(rows)
-    if held < 2 or len(changes) < FEWEST_CHANGES or np.any(np.abs(steps / period - 1.0) > JITTER):
-        return period
-    at_one = np.bincount(changes % held, minlength=held).max()
-    return float(np.mean(steps)) if at_one == len(changes) else period
-
-
-def _is_printed(t: np.ndarray, index: np.ndarray) -> bool:
-    """Whether stamps t (n,) [s] of places index (n,) on the grid are those of a uniform log, rounded to a decimal."""
-    for decimals in range(1, MOST_DECIMALS + 1):
-        if np.all(np.abs(np.round(t, decimals) - t) <= ULPS * np.spacing(np.abs(t))):
-            break
-    else:
-        return False
-    place, off = index - index.mean(), t - t.mean()
-    off -= inner(place, off) / max(square(place), 1.0) * place
-    return bool(np.ptp(off) <= (1.0 + ROUNDING_SLACK) * 10.0**-decimals)
-
-
 def _steps(period: float, nominal: Nominal, jittered: bool) -> tuple[float, int, int, int]:
-    """(integration step [s], steps a row, steps a tick, ticks that stand for one command) of a log's period [s]."""
+    """(step [s], steps a row, steps a tick, ticks that stand for one command) of a log's period [s]."""
     tick_period = nominal.controller.period if nominal.controller is not None else period
     off_tick = abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
         abs(period / tick_period - round(period / tick_period)) > 1e-6
     if jittered or off_tick:
-        step = integration_step(period / JITTER_TICKS, period / JITTER_TICKS)
-        step = min(step, period / JITTER_STEPS)
-        tick = round(period / JITTER_TICKS / step)
-        return step, JITTER_TICKS * tick, tick, JITTER_TICKS
-    step = integration_step(period, tick_period)
+        return period / JITTER_STEPS, JITTER_STEPS, JITTER_STEPS // JITTER_TICKS, JITTER_TICKS
+    step = min(period, tick_period)
     return step, round(period / step), round(tick_period / step), 1
-
-
-def _known_wind(nominal: Nominal, t: np.ndarray, measured_at: np.ndarray, path: np.ndarray) -> np.ndarray:
-    """The known angle of attack (steps + 1,) [rad] at times t (steps + 1,) [s].  It is the forecast, less the flight
-    path where it is measured, path (n,) [rad] at measured_at (n,) [s]; (0,) where there is neither."""
-    forecast = nominal.wind.profile if nominal.wind is not None else None
-    known = np.isfinite(path)
-    if forecast is None and not known.any():
-        return np.zeros(0)
-    wind = np.zeros(len(t)) if forecast is None else forecast.at(t)
-    return wind - np.interp(t, measured_at[known], path[known]) if known.any() else wind
-
-
-def _answerable(nominal: Nominal) -> Nominal:
-    """The nominal without a controller whose command is not recomputed here: one of a rate, or with filters."""
-    own = nominal.controller
-    return nominal if own is None or not (own.is_rate_law or own.filters) else replace(nominal, controller=None)
 
 
 def _shifted(nominal: Nominal, shift: float) -> Nominal:

@@ -15,7 +15,7 @@ import numpy as np
 from sim.nominal import Nominal
 
 from ...log.detect import DataCheck
-from .record import LONGEST_STEP, Record
+from .record import Record
 
 MOST = 8_000           # rows that are fitted: 80 s at 100 Hz
 SINE = "sin(theta)"    # the term of a body that swings, beside a6
@@ -57,6 +57,11 @@ def slowest(nominal: Nominal, a6: np.ndarray) -> float:
     return min(SLOWEST, RESOLVED / math.sqrt(stiffness)) if stiffness > 0.0 else SLOWEST
 
 
+def slowest_of(record: Record) -> float:
+    """The same along a record."""
+    return slowest(record.nominal, record.nominal.vehicle.at(record.t + record.shift)[0])
+
+
 def _every(rows: int, period: float, longest: float, most: int) -> int:
     return max(1, min(math.ceil(rows / most), math.floor(longest / period + 1e-9)))
 
@@ -65,15 +70,15 @@ def shortened(record: Record, most: int = MOST) -> Record:
     """Cut the record to the most rows that `used` can thin to `most`; further rows would not be used."""
     if record.rows <= most:
         return record
-    longest = most * _every(record.rows, record.period, slowest(record.nominal, record.a6), most)
+    longest = most * _every(record.rows, record.period, slowest_of(record), most)
     return cut(record, longest) if record.rows > longest else record
 
 
 def used(record: Record, t: np.ndarray, most: int = MOST) -> tuple[Record, Used | None]:
     """(The record with at most so many rows, what they are of the log's usable stamps t (n,) [s]); None where that is
     all of them."""
-    every = _every(record.rows, record.period, slowest(record.nominal, record.a6), most)
-    made = coarser(thinned(record, record.held * max(1, round(every / record.held)))) if every > 1 else record
+    every = _every(record.rows, record.period, slowest_of(record), most)
+    made = thinned(record, record.held * max(1, round(every / record.held))) if every > 1 else record
     made = cut(made, most) if made.rows > most else made
     times = round(made.period / float(np.median(np.diff(t))))
     if made is record and times <= 1:
@@ -105,19 +110,7 @@ def thinned(record: Record, every: int) -> Record:
     return replace(record, z=some(record.z), reference=some(record.reference), at=at,
                    first_step=record.first_step + begin, every=record.every * every, tick=record.tick * merged,
                    commands=commands, logged=None if record.logged is None else some(record.logged),
-                   held=1, unsure=record.unsure * every,
-                   held_phase=0, thinned=record.thinned * every)
-
-
-def coarser(record: Record) -> Record:
-    """The longest integration step that meets every row and tick."""
-    whole = int(np.gcd.reduce(np.append(record.at, (record.tick, record.first_step))))
-    times = max(m for m in range(1, whole + 1)
-                if whole % m == 0 and (m == 1 or m * record.step < LONGEST_STEP * (1.0 + 1e-9)))
-    return replace(record, step=record.step * times, every=record.every // times, tick=record.tick // times,
-                   first_step=record.first_step // times, at=record.at // times,
-                   a6=np.ascontiguousarray(record.a6[::times]), k1=np.ascontiguousarray(record.k1[::times]),
-                   wind=np.ascontiguousarray(record.wind[::times]))
+                   held=1, held_phase=0, unsure=record.unsure * every)
 
 
 def cut(record: Record, most: int) -> Record:

@@ -55,6 +55,12 @@ def test_its_derivatives_are_the_central_differences(a6, k1, frequency, damping,
     assert np.allclose(fk, difference(0.0, step), rtol=1e-6, atol=1e-12)
 
 
+def test_no_time_is_no_transition():
+    f, fa, fk = computed(2.0, -7.0, 50.0, 0.7, 0.0)
+    assert np.array_equal(f, np.eye(6))
+    assert not fa.any() and not fk.any()
+
+
 @given(seed=hs.integers(0, 10_000))
 def test_bounds_are_the_corner_of_the_inverse_information(seed):
     random = np.random.default_rng(seed)

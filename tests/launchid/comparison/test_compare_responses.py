@@ -11,6 +11,7 @@ from launchid.comparison.frequency_response import (
     airframe,
     estimated,
     frequency_responses,
+    instrument,
     servo,
     transforms,
 )
@@ -92,6 +93,13 @@ def test_the_servo_is_python_controls(damping, periods):
     assert servo(dataclasses.replace(CONSTANT, actuator=actuator), BODE, 0.01) == pytest.approx(expected, rel=1e-6)
 
 
+def test_a_part_of_a_period_is_a_delay_of_it():
+    """At frequencies far below the rate a part of a hold turns the phase by itself, and no gain."""
+    late = dataclasses.replace(CONSTANT, effects=(effect("actuator_delay", delay=0.004),))
+    ratio = servo(late, BODE[:3], 0.01) / servo(CONSTANT, BODE[:3], 0.01)
+    assert ratio == pytest.approx(np.exp(-2j * math.pi * BODE[:3] * 0.004), abs=2e-4)
+
+
 def inside(flights: int, excited=EXCITED) -> dict[str, tuple[float, float]]:
     """The share of frequencies at which the truth is inside the 95 % intervals of gain and of phase, by input."""
     found: dict[str, list[tuple[float, float]]] = {}
@@ -133,6 +141,13 @@ def test_an_instrument_is_not_drawn_to_the_controller():
                 ratios.setdefault(each.instrument, []).append(complex(np.mean((each.gain / each.nominal)[middle])))
     assert abs(np.mean(ratios[None]) - 1.0) > 0.15
     assert abs(np.mean(ratios["test_input"]) - 1.0) < 0.1
+
+
+def test_what_moves_nothing_is_no_instrument():
+    log = noise_log()
+    assert instrument(log, CONSTANT) == (None, None)
+    assert instrument(dataclasses.replace(log, theta_ref=np.full(len(log.t), 0.1)), CONSTANT) == (None, None)
+    assert [each.instrument for each in frequency_responses(log, CONSTANT)] == [None]
 
 
 def test_a_gap_costs_its_segments_alone():

@@ -8,19 +8,18 @@ import numpy as np
 import pytest
 from test_diagnosis import LONG, NOMINAL, flown, found, lasting, named
 
-from launchid.diagnosis.adapter import Follower, read
+from launchid.diagnosis.adapter import follow, read
 from launchid.diagnosis.answer import extension, report
-from launchid.diagnosis.controller.check import check_controller
+from launchid.diagnosis.controller.check import NONE, check_controller
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.controller.fill import filled, on_board
+from launchid.diagnosis.controller.gaps import filled, on_board
 from launchid.diagnosis.controller.issued import with_commands
-from launchid.diagnosis.controller.kind import NONE
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
 from sim.effects import from_text
 from sim.nominal.control import tustin
-from sim.sections import Multisine, Section
+from sim.sections import Multisine
 
 
 @pytest.mark.parametrize(("effect", "expected"), [
@@ -149,7 +148,7 @@ def told_of_filtered(effect, rows=slice(None), period=None):
     """The check of a controller with filters by these rows of a flight."""
     log = flown(*effect, nominal=FILTERED, period=period)
     log = dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
-    return with_commands(record(log, FILTERED, check(log, FILTERED)), Follower())[1]
+    return with_commands(record(log, FILTERED, check(log, FILTERED)), follow)[1]
 
 
 @pytest.mark.parametrize("rows", [slice(None), slice(1000, None), np.r_[:800, 803:3000]])
@@ -158,17 +157,6 @@ def test_a_filtered_controller_is_recognised_wherever_the_log_begins_and_whateve
     told = told_of_filtered(("controller_mismatch:kp_scale=1.06,kd_scale=0.91,delay=0.01",), rows)
     assert told.kind == "gain and delay"
     assert (told.kp_scale, told.kd_scale, told.delay) == pytest.approx((1.06, 0.91, 0.01), abs=2e-4)
-
-
-def test_a_filter_that_never_forgets_is_recognised_from_its_rest_only():
-    """An integrator: the command and 0.02 % of all before it."""
-    own = dataclasses.replace(NOMINAL.controller, filters=(Section((1.0002, -1.0, 0.0), (1.0, -1.0, 0.0)),))
-    nominal = dataclasses.replace(NOMINAL, controller=own)
-    log = flown(nominal=nominal)
-    part = dataclasses.replace(log, **{name: getattr(log, name)[1000:] for name in (*REQUIRED, *OPTIONAL)})
-    whole, cut = (with_commands(record(each, nominal, check(each, nominal)), Follower())[1]
-                  for each in (log, part))
-    assert whole.kind == NONE and cut is None
 
 
 def test_of_a_filtered_controller_nothing_is_asked_at_another_rate():

@@ -7,9 +7,8 @@ import pytest
 from test_diagnosis import WHOLE, log_of
 
 from launchid.diagnosis.adapter import FEWEST_ROWS
-from launchid.diagnosis.controller.check import check_controller
+from launchid.diagnosis.controller.check import FILTER, GAIN, NONE, check_controller
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.controller.kind import FILTER, GAIN, NONE
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED

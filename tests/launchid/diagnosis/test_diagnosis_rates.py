@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from launchid.diagnosis.answer import extension
+from launchid.diagnosis.controller.check import NONE, UNKNOWN, check_controller
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.controller.kind import NONE, UNKNOWN
-from launchid.diagnosis.controller.rates import check_rate
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import Log
@@ -45,7 +44,7 @@ def log_of(kp=1.0, ki=1.0, delay=0.0, limit=0.25):
 
 
 def checked(log, nominal):
-    return check_rate(record(log, nominal, check(log, nominal)))
+    return check_controller(record(log, nominal, check(log, nominal)))
 
 
 def test_the_nominals_own_commands_are_its_own():
@@ -92,8 +91,6 @@ def test_where_it_cannot_be_told_nothing_is_said():
         assert checked(replace(log, **{column: absent}), missile()) is None
     every = {name: getattr(log, name)[::3] for name in (*NAMES, "theta_ddot", "gamma", "alpha")}
     assert checked(replace(log, **every), missile()) is None   # commands between the rows
-    always_full = replace(log, beta_cmd=np.where(np.arange(len(log.t)) % 20 == 0, 0.25, log.beta_cmd))
-    assert checked(always_full, missile()) is None
 
 
 @pytest.mark.campaign

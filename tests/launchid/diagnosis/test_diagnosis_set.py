@@ -34,17 +34,17 @@ def the_set():
 
 CASES, NOMINALS = the_set()
 TENTH = [case for case in CASES if case.in_tests]
-EVERY_RUN = {"clean/1", "listed/aero_damping-1", "listed-windy/control_effectiveness", "unlisted/servo_curve-1",
-             "simulated/delay", "rebuilt/tail-wags-dog", "rebuilt/swing", "rebuilt/rate-loop-later",
-             "columns/degrees-gyro", "columns/exchanged-attitude-and-gyro", "columns/rows-lost",
-             "placebo/stand-damped"}   # 2 s each, about
+CAMPAIGN = {"clean/10", "clean-windy/1", "dropped/slosh-theta_dot", "j246/weak_gimbal", "listed/bending-1",
+            "listed/control_loss-1", "listed/friction-1", "listed/gust-1", "listed/slosh-1",
+            "measured/dfki_pendulum_dircol", "pairs/attitude_delay+aero_damping", "rebuilt/ship", "small/control_loss",
+            "unlisted/servo_friction-1"}   # 3 to 8 s each; the others 1.5 s, about
 
 
 # ---- the answers
 
 
-@pytest.mark.parametrize("case", [pytest.param(case, id=case.name, marks=() if case.name in EVERY_RUN
-                                               else pytest.mark.campaign) for case in TENTH])
+@pytest.mark.parametrize("case", [pytest.param(case, id=case.name, marks=pytest.mark.campaign if case.name in CAMPAIGN
+                                               else ()) for case in TENTH])
 def test_the_answer_is_right_and_so_are_the_sizes(bench, case):
     labels, _, command = bench
     row = command.answered(case, NOMINALS, (), "")
@@ -58,7 +58,7 @@ def test_the_answer_is_right_and_so_are_the_sizes(bench, case):
 
 
 def test_a_tenth_is_answered_in_every_run_and_has_some_of_every_kind():
-    assert len(CASES) >= 250 and 0.08 <= len(TENTH) / len(CASES) <= 0.12
+    assert len(CASES) >= 250 and len(TENTH) >= 40
     assert {case.kind for case in TENTH} == {case.kind for case in CASES}
     assert not any(case.part == "judge" for case in TENTH)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_diagnosis import LONG, WHOLE, log_of
 
-from launchid.diagnosis.adapter import Follower
+from launchid.diagnosis.adapter import follow
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.issued import with_commands
 from launchid.diagnosis.verdict import diagnose
@@ -66,7 +66,7 @@ def flown(period):
 @pytest.mark.parametrize("period", [SLOW, SLOWER])
 def test_commands_between_rows_are_off_by_what_is_said(period):
     """The commands of the rows are the log's; lines over means of rows miss less than lines from row to row."""
-    made, controller = with_commands(recorded("theta_ref", period), Follower())
+    made, controller = with_commands(recorded("theta_ref", period), follow)
     true = flown(period)
     off = made.commands[:true.size].reshape(true.shape) - true
     assert controller is None and not off[:, 0].any()
@@ -78,7 +78,7 @@ def test_commands_between_rows_are_off_by_what_is_said(period):
 
 def test_commands_between_rows_follow_exactly_from_reference_and_commands():
     """The log has all that the derivative's filter remembers."""
-    made, controller = with_commands(recorded("gamma"), Follower())
+    made, controller = with_commands(recorded("gamma"), follow)
     true = flown(SLOW)
     off = made.commands[:true.size].reshape(true.shape) - true
     assert controller.kind == "none" and np.max(np.abs(off[50:])) < 1e-6
@@ -87,9 +87,5 @@ def test_commands_between_rows_follow_exactly_from_reference_and_commands():
 
 @pytest.mark.parametrize("drop", ["gamma", "theta_ref", "beta_cmd,beta"])
 def test_where_the_model_does_not_stay_with_the_log_the_commands_are_no_better_known(drop):
-    class Lost(Follower):
-        def seen(self, record):
-            return None
-
-    made, _ = with_commands(recorded(drop), Lost())
+    made, _ = with_commands(recorded(drop), lambda record: None)
     assert made.unsure > 0.0 and made.between > 0.0

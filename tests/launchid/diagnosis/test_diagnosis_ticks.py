@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from test_diagnosis import LONG, WHOLE, log_of
 
-from launchid.diagnosis.adapter import Follower
+from launchid.diagnosis.adapter import follow
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.controller.ticks import carried, issued_at, over_grid, ticks_of
+from launchid.diagnosis.controller.ticks import ticks_of
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
@@ -129,7 +129,7 @@ def test_rows_at_the_loop_s_rate_fall_between_its_ticks_where_their_attitudes_ar
 @pytest.mark.parametrize("bias", ["", "gyro_bias:rate=0.02"])
 def test_the_predicted_attitude_is_the_measured_one_on_average_whatever_the_gyro(bias):
     r = recorded((0.025, 0.0), effect=bias)
-    seen = Follower().seen(r)
+    seen = follow(r)
     off = r.z[:, 0] - np.interp(r.at, r.tick * np.arange(len(seen.attitude)), seen.attitude)
     assert abs(np.nanmean(off)) < 0.2 * NOMINAL.sensors.theta_std
 
@@ -155,23 +155,3 @@ def test_a_trimmed_vehicle_whose_nozzle_is_logged_now_and_then_shows_nothing(dro
     log = log_of(fly_whole(still, 4, period=FINE), tuple(drop.split(",")))
     made = diagnose(log_at(log, read_at(log, 0.025, 0.0)), still)
     assert (made.verdict, made.doubts) == ("consistent", ())
-
-
-def test_commands_over_the_grid_keep_their_impulse():
-    r = recorded((0.025, 0.0))
-    own = logged((0.025, 0.0)).beta_cmd
-    ticks = ticks_of(r, own)
-    commands = np.random.default_rng(2).standard_normal(len(issued_at(ticks, r, own)))
-    end = r.rows * r.every
-    edges = np.clip(ticks.phase + ticks.period * np.arange(len(commands) + 1), 0.0, end)
-    assert np.sum(over_grid(ticks, r, commands)) * r.tick == pytest.approx(np.diff(edges) @ commands)
-    assert np.ptp(over_grid(ticks, r, np.full(len(commands), 0.1))) < 1e-12
-
-
-def test_lines_carry_what_rows_share_and_no_noise_of_a_row():
-    """A ramp is carried as it is; of white noise a mean over its neighbours, and the lines are off by it all."""
-    ramp, noise = 0.01 * np.arange(4000.0), np.random.default_rng(2).standard_normal(4000)
-    line, off, _ = carried(ramp)
-    assert np.allclose(line[10:-10], ramp[10:-10], rtol=0.0, atol=1e-6) and np.max(np.abs(off[10:-10])) < 1e-6
-    line, off, jumps = carried(noise)
-    assert np.std(off) == pytest.approx(1.0, abs=0.05) and np.std(line) < 0.2 and not jumps.any()

@@ -10,7 +10,7 @@ from launchid.diagnosis.data.used import RESOLVED, SLOWEST, cut, shortened, slow
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED, Log
 from sim.flight import fly_whole
-from sim.nominal import built_in, load_nominal
+from sim.nominal import built_in, constant_profile, load_nominal
 
 
 def logged(period, duration=6.0, drop=()):
@@ -39,11 +39,6 @@ def test_what_is_cut_is_the_stretch_with_most_input():
     assert np.array_equal(part.commands, quiet.commands[first:first + 200])
 
 
-def test_an_ordinary_log_is_used_whole():
-    r = as_record(0.01)
-    assert used(r, r.t) == (r, None)
-
-
 def test_a_large_log_is_thinned_and_then_cut():
     """600 rows at 10 ms, of which 100 may be used: every second, 20 ms apart, and of those the 100 with most input."""
     r = as_record(0.01)
@@ -61,15 +56,10 @@ def test_a_fast_vehicle_s_own_oscillation_stays_resolved():
     swinging = dataclasses.replace(nominal, terms=(("sin(theta)", float(fast[0])), ("theta_dot", -1e9)))
     assert slowest(swinging, np.zeros(1)) == slowest(nominal, -fast) == slowest(nominal, fast)
     assert slowest(nominal, np.zeros(1)) == slowest(nominal, np.array([-68.0, 4.0])) == SLOWEST
-    r = dataclasses.replace(as_record(0.002), a6=np.full_like(as_record(0.002).a6, -1e4))   # 1.5 rows of 2 ms
+    r = as_record(0.002)
+    r = dataclasses.replace(r, nominal=dataclasses.replace(r.nominal, vehicle=constant_profile(-1e4, 1.0)))   # 1.5 rows
     made, said = used(r, r.t, most=1000)
     assert said.every == 1 and made.rows == 1000 and shortened(r, most=1000).rows == 1000
-
-
-def test_a_log_that_is_too_long_even_thinned_is_cut_before_anything_is_computed():
-    r = as_record(0.01)
-    assert shortened(r, most=100).rows == 200     # to be thinned to every second
-    assert shortened(r, most=300) is r and used(shortened(r, most=100), r.t, most=100)[0].rows == 100
 
 
 def test_a_test_stand_s_log_is_thinned_before_it_has_a_grid():

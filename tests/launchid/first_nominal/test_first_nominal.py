@@ -141,6 +141,12 @@ def test_without_motion_or_input_the_columns_are_named(tmp_path, capsys, missing
     assert status == 3 and words.count("\n") == 1 and all(name in words for name in missing)
 
 
+def test_too_few_rows(tmp_path, capsys):
+    few = {name: column[:50] for name, column in swinging().items()}
+    status, _, words = nominal_of(saved(tmp_path / "few.csv", few), capsys)
+    assert status == 3 and "50 usable rows" in words
+
+
 @pytest.mark.parametrize("share", [0.3, pytest.param(0.5, marks=pytest.mark.campaign)])
 def test_shifted_input_is_a_placebo(tmp_path, capsys, share):
     """Law: what another time's beta explains as well is no k1."""

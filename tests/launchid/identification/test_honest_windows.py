@@ -25,8 +25,8 @@ from sim.flight import fly_whole, parameters
 from sim.nominal import load_nominal
 
 PERIOD = 0.01
-autoregression, bandwidth, long_run = map(unjitted, (
-    residual.autoregression, residual.bandwidth, residual.long_run))
+autoregression, bandwidth, long_run, own_variance = map(unjitted, (
+    residual.autoregression, residual.bandwidth, residual.long_run, residual.own_variance))
 
 
 def numpy_lags(scores: np.ndarray) -> int:
@@ -92,6 +92,15 @@ def test_long_run_covariance_is_newey_and_west_s_with_andrews_bandwidth(rho):
     assert lags == numpy_lags(scores)
     covariance = [[long_run(v, w, lags, 190, v is w) for w in scores] for v in scores]
     assert np.allclose(covariance, numpy_long_run(scores, lags) * 200 / 190, rtol=1e-12)
+
+
+def test_long_run_of_four_numbers_by_hand():
+    """1, 2, 3, 4: rho = (2 + 6 + 12)/(1 + 4 + 9) > 0.97, so L = n/2 = 2; 30 + 2*(2/3*20 + 1/3*11) = 64."""
+    assert own_variance(np.array([1.0, 2.0, 3.0, 4.0]), 4) == pytest.approx(64.0, rel=1e-14)
+
+
+def test_a_series_of_zeros_has_no_lags_and_no_variance():
+    assert bandwidth(*autoregression(np.zeros(9)), 9) == 0 and own_variance(np.zeros(9), 8) == 0.0
 
 
 def test_standard_deviations_are_those_of_the_solution_with_drifts_and_what_it_moves():
@@ -169,6 +178,19 @@ def test_an_absent_term_has_a_limit_and_a6_its_standard_deviation():
     with pytest.raises(TypeError):
         e.absent["theta"] = 0.0
     assert one(of(rows), equation(rows, np.zeros(rows))).absent == {}
+
+
+def test_the_limit_is_of_the_term_added_alone():
+    rows, rng = 200, np.random.default_rng(4)
+    samples = equation(rows, 0.05 * rng.standard_normal(rows), a6=0.1)
+    e = one(of(rows, library="theta,beta", threshold=0.5), samples)
+    table = np.array(samples)
+    inverse = np.linalg.pinv(table[:, [1, 3]])
+    xi = inverse @ table[:, 4]
+    score = (inverse[:1] * (table[:, 4] - table[:, [1, 3]] @ xi))
+    std = math.sqrt(numpy_long_run(score, numpy_lags(score))[0, 0] * rows / (rows - 2))
+    assert e.a6_std == pytest.approx(std, rel=1e-8)
+    assert e.absent["theta"] == pytest.approx(abs(xi[0]) + 1.96 * std, rel=1e-8)
 
 
 # ---- the log against a window

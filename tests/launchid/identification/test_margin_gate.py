@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import math
 
 import numpy as np
 import pytest
@@ -77,6 +78,19 @@ def test_a_servo_that_may_be_slow_refuses_what_a_known_one_lets_pass():
     unsure = dataclasses.replace(CONSTANT, actuator=dataclasses.replace(CONSTANT.actuator, delay_sigma=0.03))
     assert rc.Gate(CONSTANT).judge(30.0, estimate, gains).adopted
     assert not rc.Gate(unsure).judge(30.0, estimate, gains).adopted
+
+
+def test_an_estimate_without_numbers_does_not_pass():
+    wrong = Tracked(True, math.nan, -7.0, 0.1, 0.1, 0.0)
+    assert rc.Gate(CONSTANT).judge(30.0, wrong, (2.0, 0.8)).reason == "the tracked estimate is not finite"
+
+
+def test_a_judgement_holds_for_a_second_if_the_gains_stay():
+    gate = rc.Gate(CONSTANT)
+    first = gate.judge(30.0, tracked(2.0, -4.0), (2.0, 0.8))
+    assert gate.judge(30.9, tracked(2.0, -4.0), (2.01, 0.8)) is first
+    assert gate.judge(31.1, tracked(2.0, -4.0), (2.01, 0.8)) is not first
+    assert gate.judge(31.2, tracked(2.0, -4.0), (2.2, 0.8)).gains == (2.2, 0.8)
 
 
 def test_what_the_legacy_gains_would_lose_is_not_left_to_them():

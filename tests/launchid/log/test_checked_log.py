@@ -3,19 +3,23 @@
 Flights of `public_flights`, a6 = 2 and k1 = -6, spoilt as loggers spoil them.
 """
 
+import ast
 import math
+from pathlib import Path
 
 import numpy as np
 import public_flights as flights
 import pytest
 
+import launchid
 from launchid.commands.identify import Identification, identify
-from launchid.log.check import checked
+from launchid.log.check import CheckedLog, checked
 from launchid.log.log import log_of
 from sim.errors import InputError
 
 Columns = dict[str, np.ndarray]
 MOST = 4.0     # standard deviations
+ROOT = Path(launchid.__file__).parent
 
 
 @pytest.fixture(scope="module")
@@ -169,3 +173,20 @@ def test_a_gamma_of_another_unit_is_refused_for_that():
     flight = flights.fly(20.0, drift=0.4)
     made = identify(log_of(flight | {"gamma": np.degrees(flight["gamma"])}), window="all")
     assert not any(w["valid"] for w in made.report["windows"]) and "gamma does not act" in made.report["next"]
+
+
+def test_every_command_takes_the_checked_log():
+    """What reads the rows of a log, beside the rooms that make one, imports the check; nothing else seeks faults."""
+    makers = {"log", "convert", "watch", "diagnosis"}   # a stream and the diagnosis check rows
+    for path in sorted(ROOT.rglob("*.py")):
+        room = path.relative_to(ROOT).parts[0]
+        names = {alias.name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+                 if isinstance(node, ast.ImportFrom) and (node.module or "").endswith(
+                     ("log.detect", "log.channels", "log.stops", "log.stamps", "log.relations", "log.slope"))
+                 for alias in node.names}
+        assert room in makers or names <= {"ONE_MOTION", "usable_rows", "DataCheck"}, path
+    for name in ("identify", "margins", "uncertainty", "fit_lft"):
+        tree = ast.parse((ROOT / "commands" / f"{name}.py").read_text(encoding="utf-8"))
+        assert "checked" in {alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
+                             for alias in node.names}, name
+    assert isinstance(checked(log_of(flights.fly(2.0))), CheckedLog)

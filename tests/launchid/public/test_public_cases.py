@@ -53,7 +53,7 @@ VARYING = ("--window", "0.3", "--library", "lpv")
 
 
 @pytest.mark.parametrize(("nominal", "period", "seconds", "options"), [
-    paper("constant", 0.001, 20.0, *QUADRATIC), paper("constant", 0.01, 70.0, "--window", "1"),
+    paper("constant", 0.001, 20.0, *QUADRATIC), paper("constant", 0.01, 30.0, "--window", "1"),
     paper("vega_like", 0.001, 25.0, *VARYING),
     paper("constant", 0.001, 70.0, *QUADRATIC, whole=True), paper("vega_like", 0.001, 95.0, *VARYING, whole=True)])
 def test_the_paper_s_clean_logs_through_the_command(tmp_path, capsys, nominal, period, seconds, options):
@@ -133,13 +133,13 @@ def test_a_trim_is_found_by_a_library_that_has_it_and_named_by_one_that_has_not(
 def test_one_log_in_other_units_of_beta_has_the_same_support_and_the_same_verdicts(library):
     flight = flights.fly(20.0, moment=0.1)
     plain = asked(flight, 4.0, library=library)
-    for unit in (np.degrees(1.0), 2857.0):  # degrees, microseconds of a servo
-        other = asked({name: x * (unit if name.startswith("beta") else 1.0) for name, x in flight.items()
-                       if name != "beta_cmd"}, 4.0, library=library)
-        assert statuses(other) == statuses(plain)
-        for here, there in zip(plain.report["windows"], other.report["windows"], strict=True):
-            assert list(here["terms"]) == list(there["terms"])
-            assert here["k1"] is None or there["k1"] == pytest.approx(here["k1"] / unit, rel=1e-6)
+    unit = 2857.0  # microseconds of a servo
+    other = asked({name: x * (unit if name == "beta" else 1.0) for name, x in flight.items() if name != "beta_cmd"},
+                  4.0, library=library)
+    assert statuses(other) == statuses(plain)
+    for here, there in zip(plain.report["windows"], other.report["windows"], strict=True):
+        assert list(here["terms"]) == list(there["terms"])
+        assert here["k1"] is None or there["k1"] == pytest.approx(here["k1"] / unit, rel=1e-6)
 
 
 # ---- a term is missing

@@ -211,6 +211,15 @@ def test_a_bad_gyro_of_the_same_axis_is_no_other_motion(plain, gyro):
     assert "motion" not in dict(kinds(columns | {"theta_dot": GYROS[gyro](columns)}))
 
 
+def test_whole_turns_that_a_logger_took_off_are_no_other_motion():
+    t = np.arange(2000) * ROW
+    theta, rate = 4.0 * np.sin(0.7 * t) + 3.0, 2.8 * np.cos(0.7 * t)
+    wrapped = (theta + np.pi) % (2.0 * np.pi) - np.pi
+    noise = np.random.default_rng(2).normal(size=(3, len(t)))
+    columns = {"t": t, "theta": wrapped + 1e-4 * noise[0], "theta_dot": rate + 1e-3 * noise[1], "beta": noise[2]}
+    assert "motion" not in dict(kinds(columns))
+
+
 @pytest.mark.parametrize("name", BUILT_IN)
 @pytest.mark.parametrize("period", [0.005, 0.01, 0.02, 0.05])
 def test_clean_flights_raise_nothing(name, period):
@@ -218,6 +227,15 @@ def test_clean_flights_raise_nothing(name, period):
     log = flown_log(fly_whole(nominal, 1, period=period))
     assert faults(log, nominal) == () and faults(log, None) == ()
     assert faults(log_of(log.measured() | {"t": log.t + 1.75e9}), None) == ()
+
+
+def test_a_first_row_without_beta_does_not_make_the_whole_log_too_short(plain):
+    whole, cut = ({name: x.copy() for name, x in plain.items()} for _ in range(2))
+    whole["beta"][0] = math.nan
+    cut = {name: x[1:] for name, x in cut.items()}
+    one, other = (identify(log_of(columns), window="all").report["windows"][0] for columns in (whole, cut))
+    assert one["status"] == "OK" and one["a6"] == pytest.approx(other["a6"], rel=1e-9)
+    assert abs(one["a6"] - 2.0) < 4.0 * one["a6_std"] and abs(one["k1"] + 6.0) < 4.0 * one["k1_std"]
 
 
 # ---- true reasons
@@ -229,6 +247,15 @@ def test_a_log_in_which_nothing_moves_says_which_columns(nominal):
     log = log_of({"t": t, "theta": np.zeros(2000), "theta_dot": np.zeros(2000), "beta": np.zeros(2000)})
     said = identify(log, load_nominal(nominal) if nominal else None, window=5.0).report["why"]
     assert "theta, beta, theta_dot never change in 2000 rows" in said or "theta, theta_dot, beta never change" in said
+
+
+def test_a_servo_far_faster_than_a_row_flies(tmp_path):
+    """The vehicle was LOST in its first row at 60,000 rad/s and steps of 1 ms."""
+    nominal = short("constant", 5.0)
+    assert nominal.actuator is not None
+    fast = dataclasses.replace(nominal, actuator=dataclasses.replace(nominal.actuator, natural_frequency=60000.0))
+    flown = simulate(fast, seed=1)
+    assert not flown.flight.lost and np.max(np.abs(flown.flight.theta)) < 0.2
 
 
 def test_an_effect_that_begins_after_the_flight_and_rows_that_are_too_far_apart_are_said():

@@ -13,12 +13,13 @@ from test_lft import delayed, held
 import launchid
 from launchid.cli.main import main
 from launchid.robustness import flight_margins as fm
-from launchid.robustness.lft import lft_at, loop_gain, sample
+from launchid.robustness.lft import lft_at, loop_gain, sample, spectral_radius
 from launchid.robustness.loops import Plants, loops, plants_of
-from launchid.robustness.margin_spread import NAMES, Interval, Known, margin_spread, margin_table
+from launchid.robustness.margin_spread import NAMES, Interval, Known, Spread, margin_spread, margin_table, normal_points
+from launchid_core import Change
 from sim.effects import effect
 from sim.errors import InputError, UsageError
-from sim.nominal import Actuator, Controller, Nominal, Required, load_nominal, nominal_lines
+from sim.nominal import Actuator, Controller, Nominal, Required, constant_profile, load_nominal, nominal_lines
 
 control = pytest.importorskip("control")
 
@@ -34,6 +35,12 @@ def known(mean: tuple[float, ...], std: tuple[float, ...], correlation: float = 
     covariance = np.diag(np.square(std))
     covariance[0, 1] = covariance[1, 0] = correlation * std[0] * std[1]
     return Known(np.array(mean), covariance)
+
+
+def frozen(p: tuple[float, ...], nominal: Nominal = CONSTANT) -> Nominal:
+    """The nominal with these a6, k1, natural frequency, damping ratio and delay."""
+    return replace(nominal, vehicle=constant_profile(p[0], p[1]), actuator=replace(
+        nominal.actuator, natural_frequency=p[2], damping_ratio=p[3], delay=p[4]))
 
 
 # ---- the loops, and their margins
@@ -74,6 +81,16 @@ def test_loops_are_the_lfts(name):
         many = loops(Plants(a6, k1, *(np.full(5, x) for x in (servo.natural_frequency, servo.damping_ratio, delay))),
                      nominal.controller)
         assert np.max(np.abs(many.gain(omega) / loop_gain(sample(lft, delta), omega) - 1.0)) < 1e-11
+
+
+def test_loops_are_stable_where_the_lfts_eigenvalues_are_in_the_circle():
+    """Delays of different lengths side by side; some unstable."""
+    random = np.random.default_rng(2)
+    ends = ((-2, 6), (-12, -1), (8, 60), (0.2, 1.2), (0, 0.12))
+    rows = np.column_stack([random.uniform(low, high, 150) for low, high in ends])
+    theirs = [spectral_radius(sample(lft_at(frozen(row), 0.0), np.zeros(2))) < 1.0 for row in rows]
+    mine = loops(plants_of(rows), PD).stable()
+    assert mine.tolist() == theirs and 20 < mine.sum() < 140
 
 
 def continuous(a6: float, k1: float, kp: float, kd: float) -> np.ndarray:
@@ -171,6 +188,14 @@ def test_what_is_known_exactly_has_no_interval():
         assert getattr(spread, name) == Interval(value, 0.0, value, value)
 
 
+@pytest.mark.parametrize("dimensions", [1, 2, 5])
+def test_points_are_a_standard_normals(dimensions):
+    points = normal_points(2048, dimensions)
+    assert np.abs(points.mean(axis=0)).max() < 1e-12 and np.allclose(points.T @ points / 2048, np.eye(dimensions))
+    quantiles = np.quantile(points, [0.025, 0.16, 0.5, 0.84, 0.975], axis=0)
+    assert np.allclose(quantiles, np.array([[-1.96, -0.9945, 0.0, 0.9945, 1.96]]).T, atol=0.06)
+
+
 # ---- of a flight
 
 
@@ -204,6 +229,13 @@ def test_a_window_of_a_sudden_change_has_no_margins(made):
     assert nothing == {"value": None, "std": None, "low": None, "high": None}
 
 
+def test_an_open_change_closes_the_tracked_margins(made):
+    open_now = [Change(34.0, 0.05, "k1", -7.0, -4.0, 3.0, 0.3, 34.2, False)]
+    estimates = launchid.identify(made.log, "constant", window=5.0, tracked=True).estimates
+    windows = fm.flight_margins(CONSTANT, estimates, open_now)
+    assert windows[6].tracked.status == fm.CHANGE and windows[7].tracked.status == "OK"
+
+
 def test_the_json_is_the_contracts(made):
     said = json.loads(made.to_json())
     assert list(said) == ["windows", "actuator", "below", "may_be_below", "findings", "assumed"]
@@ -212,6 +244,12 @@ def test_the_json_is_the_contracts(made):
     assert list(first["phase_deg"]) == ["value", "std", "low", "high"] and list(first["stable"]) == ["probability"]
     assert set(said["actuator"]) == {"natural_frequency", "damping_ratio", "delay"}
     assert said["actuator"]["natural_frequency"] == {"value": 50.0, "std": 0.0}
+
+
+def test_the_frame_has_a_row_a_window(made):
+    pytest.importorskip("pandas")
+    frame = made.to_frame()
+    assert len(frame) == 14 and {"phase_deg_low", "tracked_gain_high_db_std"} <= set(frame.columns)
 
 
 def test_a_contradicted_model_has_no_margins():
@@ -243,6 +281,23 @@ def test_loops_that_are_not_modelled_are_refused(flight, section, sections):
 
 
 # ---- what is required
+
+
+def spread_of(phase: tuple[float, float, float]) -> Spread:
+    wide = Interval(20.0, 1.0, 18.0, 22.0)
+    return Spread(Interval(-12.0, 1.0, -14.0, -10.0), wide, Interval(phase[0], 1.0, phase[1], phase[2]), wide, 1.0)
+
+
+@pytest.mark.parametrize(("phase", "below"), [
+    ((40.0, 35.0, 45.0), {}), ((31.0, 28.0, 34.0), {"phase_deg": False}), ((25.0, 22.0, 28.0), {"phase_deg": True})])
+def test_an_interval_is_below_or_may_be_or_is_not(phase, below):
+    assert spread_of(phase).below(Required()) == below
+
+
+def test_the_low_gain_margin_is_below_where_the_gain_may_fall_by_less():
+    assert spread_of((40.0, 35.0, 45.0)).below(Required(gain_db=11.0)) == {"gain_low_db": False}
+    assert spread_of((40.0, 35.0, 45.0)).below(Required(gain_db=15.0)) == {"gain_low_db": True}
+    assert spread_of((40.0, 35.0, 45.0)).below(Required(delay_ms=30.0)) == {"delay_ms": True}
 
 
 def test_windows_below_are_listed_and_said(flight, made):
@@ -315,6 +370,17 @@ def test_an_unknown_servo_is_estimated_and_is_in_the_margins(slow):
     assert "servo as estimated" in found.summary()
 
 
+def test_the_servos_lag_is_known_better_than_what_it_is_made_of(slow):
+    """A slower servo and a later one look alike: without their correlation the phase margin would be wider."""
+    last = launchid.margins(slow, unsure()).windows[-1].window
+    mean, covariance = last.known
+    unrelated = covariance.copy()
+    unrelated[2:, 2:] = np.diag(np.diag(covariance)[2:])
+    apart = margin_spread(Known(mean, unrelated), PD)
+    assert covariance[2, 4] > 0.5 * math.sqrt(covariance[2, 2] * covariance[4, 4])
+    assert last.spread.phase_deg.std < 0.9 * apart.phase_deg.std
+
+
 def test_a_servo_far_from_the_one_believed_is_reached():
     """30 rad/s and 70 ms, 1.3 and 3.5 sigmas away."""
     true = replace(CONSTANT, simulation=replace(CONSTANT.simulation, duration=20.0),
@@ -329,6 +395,26 @@ def test_a_known_servo_that_is_another_one_has_no_margins(slow):
     assert [each["status"] for each in found.report["windows"]] == ["MODEL"] * 6
 
 
+def test_not_knowing_the_servo_widens_the_intervals(slow):
+    """The narrow intervals are those of knowing the very servo that the flight has shown."""
+    for each in launchid.margins(slow, unsure()).windows:
+        known = each.window.known
+        covariance = known.covariance.copy()
+        covariance[2:] = covariance[:, 2:] = 0.0
+        sure = margin_spread(Known(known.mean, covariance), PD)
+        for name in ("gain_high_db", "phase_deg", "delay_ms"):
+            wide, narrow = getattr(each.window.spread, name), getattr(sure, name)
+            assert wide.value == narrow.value and wide.high - wide.low >= (narrow.high - narrow.low) * 0.999
+
+
+def test_what_is_believed_beforehand_counts(slow):
+    """All but sure of the frequency, sure of the rest: the log, which says another, moves it by next to nothing."""
+    sure = replace(CONSTANT, actuator=replace(CONSTANT.actuator, natural_frequency_sigma=1e-4))
+    servo = launchid.margins(slow, sure).servo
+    assert servo.mean == pytest.approx([50.0, 0.7, 0.0], abs=0.1)
+    assert np.sqrt(np.diag(servo.covariance)) == pytest.approx([0.005, 0.0, 0.0], rel=0.05)
+
+
 def test_without_the_command_the_servo_is_as_declared_and_that_is_said(slow):
     """The interval of the delay margin is as wide as what was declared."""
     columns = {name: getattr(slow.flight, name) for name in ("t", "theta", "theta_dot", "beta")}
@@ -336,6 +422,11 @@ def test_without_the_command_the_servo_is_as_declared_and_that_is_said(slow):
     assert found.servo.mean == pytest.approx([50.0, 0.7, 0.0], abs=1e-3)
     assert np.sqrt(np.diag(found.servo.covariance)) == pytest.approx([15.0, 0.21, 0.02], rel=1e-3)
     assert any("without the command nothing is known of the servo's" in each for each in found.warnings)
+
+
+def test_identified_windows_have_the_same_margins_behind_an_estimated_servo(slow):
+    found = launchid.identify(slow, unsure(), window=5.0).margins()
+    assert found.to_json() == launchid.margins(slow, unsure()).to_json()
 
 
 # ---- the command, the picture
@@ -358,3 +449,20 @@ def test_the_picture_has_the_margins_over_time_a_nichols_chart_and_a_bode_plot(f
                       "open-loop gain [dB]", "|L| [dB]", "phase of L [deg]"]
     chart = made.plot().axes[4]
     assert any(line.get_xdata().tolist() == [-180.0] and line.get_ydata().tolist() == [0.0] for line in chart.lines)
+
+
+def test_the_nichols_curve_ends_where_the_margins_are(made):
+    """The identified curve is at 0 dB as many degrees right of -180 as its phase margin."""
+    spread = made.windows[-1].window.spread
+    curve = next(line for line in made.plot().axes[4].lines if line.get_label() == "as identified")
+    phase, gain = curve.get_data()
+    k = int(np.flatnonzero((gain[:-1] > 0.0) & (gain[1:] <= 0.0))[-1])
+    at = phase[k] + (phase[k + 1] - phase[k]) * gain[k] / (gain[k] - gain[k + 1])
+    assert at + 180.0 == pytest.approx(spread.phase_deg.value, abs=0.05)
+
+
+def test_a_refused_log_is_drawn_without_a_loop():
+    found = launchid.margins(launchid.simulate("constant", seed=2, effects="attitude_bias:angle=0.02"), "constant",
+                             window=35.0)
+    assert not any(window.window.valid for window in found.windows) and len(found.plot().axes) == 4
+    assert "no window of this log has margins" in found.summary()

@@ -8,11 +8,13 @@ import pytest
 from launchid.robustness.lft import (
     checked,
     close,
+    exponential,
     frequency_response,
     lft_at,
     loop_gain,
     sample,
     spectral_radius,
+    split_delay,
     star,
 )
 from sim.errors import InputError
@@ -132,6 +134,14 @@ def test_simulated_loop_follows_the_lft():
 # ---- minimal, nominal at zero, exact pieces
 
 
+def test_each_delta_enters_once():
+    lft = lft_at(load_nominal("vega_like"), 50.0)
+    assert lft.b.shape[1] == lft.c.shape[0] == 2
+    for delta, row, column in (((1.0, 0.0), 1, 0), ((0.0, 1.0), 1, 2)):
+        change = star(lft, np.array(delta)) - lft.a
+        assert np.linalg.matrix_rank(change) == 1 and np.flatnonzero(change).tolist() == [row * len(lft.a) + column]
+
+
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_zero_delta_is_the_nominal(name):
     lft = lft_at(load_nominal(name), 30.0)
@@ -140,11 +150,50 @@ def test_zero_delta_is_the_nominal(name):
     assert lft.a[1, 0] == a6 and lft.a[1, 2] == k1
 
 
+def test_one_lft_per_time_of_the_profile():
+    nominal = load_nominal("vega_like")
+    for t in (0.0, 12.5, 95.0):
+        assert (lft_at(nominal, t).a6, lft_at(nominal, t).k1) == pytest.approx(nominal.vehicle.at(t))
+
+
+@pytest.mark.parametrize("scale", (0.0, 1e-9, 0.3, 5.0, 60.0))
+def test_exponential_is_scipys(scale):
+    a = scale * np.random.default_rng(4).standard_normal((3, 6, 6)) / 6.0
+    for mine, matrix in zip(exponential(a), a, strict=True):
+        assert np.allclose(mine, linalg.expm(matrix), rtol=1e-11, atol=1e-12 * np.abs(mine).max())
+
+
+@pytest.mark.parametrize("delay, whole, rest", [(0.0, 0, 0.0), (0.004, 0, 0.004), (0.01, 1, 0.0), (0.03, 3, 0.0),
+                                                (0.023, 2, 0.003), (0.0299999999999, 3, 0.0)])
+def test_delay_is_whole_periods_and_a_rest(delay, whole, rest):
+    assert split_delay(delay, 0.01) == (whole, pytest.approx(rest, abs=1e-12))
+
+
+def test_delay_is_continuous_across_a_whole_period():
+    responses = [frequency_response(lft_at(delayed(load_nominal("constant"), delay), 0.0), (0.3, 0.2), OMEGA)
+                 for delay in (0.01 - 1e-8, 0.01, 0.01 + 1e-8)]
+    assert np.allclose(responses[0], responses[1], rtol=1e-4) and np.allclose(responses[1], responses[2], rtol=1e-4)
+
+
 def test_plant_whose_pole_is_met_on_the_circle():
     """a6 = 0 at omega = 0: the plant's double pole.  The closed loop is finite there: theta follows theta_ref."""
     nominal = replace(load_nominal("constant"), vehicle=constant_profile(0.0, -7.0))
     response = frequency_response(lft_at(nominal, 0.0), (0.0, 0.0), np.array([0.0, 1.0]))
     assert response[0, 0] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_other_gains_than_the_nominals():
+    nominal = load_nominal("constant")
+    other = replace(nominal, controller=replace(nominal.controller, kp=2.0, kd=0.9))
+    assert np.array_equal(frequency_response(lft_at(nominal, 0.0, kp=2.0, kd=0.9), (0.1, 0.2), OMEGA),
+                          frequency_response(lft_at(other, 0.0), (0.1, 0.2), OMEGA))
+
+
+def test_plain_difference_when_the_filter_has_no_time_constant():
+    nominal = load_nominal("constant")
+    nominal = replace(nominal, controller=replace(nominal.controller, derivative_time_constant=0.0))
+    ours = frequency_response(lft_at(nominal, 0.0), (0.5, 0.5), OMEGA)
+    assert np.max(np.abs(ours / direct(nominal, 0.0, (0.5, 0.5), OMEGA) - 1.0)) < 1e-10
 
 
 # ---- refusals

@@ -9,7 +9,7 @@ from hypothesis import strategies as hs
 
 from launchid.robustness.lft import Lft, lft_at, sample, spectral_radius
 from launchid.robustness.margins import margins
-from launchid.robustness.mu import TOLERANCE, mu
+from launchid.robustness.mu import TOLERANCE, mu, mu_over_time
 from sim.errors import InputError
 from sim.nominal import Nominal, constant_profile, load_nominal
 
@@ -62,6 +62,13 @@ def test_mu_is_what_gridding_finds(name, t):
     check(load_nominal(name), t, (0.0, 0.0), (1.0, 1.0))
 
 
+@pytest.mark.parametrize("name, t", FLIGHTS[::2])
+def test_box_of_the_upper_bound_is_stable_inside(name, t):
+    lft, found = lft_at(load_nominal(name), t), mu(load_nominal(name), t)
+    s = 0.999 * found.margin[0] * np.linspace(-1.0, 1.0, 41)
+    assert radii(lft, np.stack(np.meshgrid(s, s), axis=-1).reshape(-1, 2)).max() < 1.0
+
+
 @pytest.mark.parametrize("centre, radius", [((0.4, -0.3), (0.1, 0.1)), ((-0.9, 0.9), (0.1, 0.02)),
                                             ((0.0, 0.0), (0.01, 1.0)), ((0.0, 0.0), (1.0, 0.01))])
 def test_box_after_identification(centre, radius):
@@ -110,7 +117,35 @@ def test_uncertain_gain_alone_is_the_gain_margin():
     assert found.margin[1] == pytest.approx(nearest, rel=1e-4) and found.margin[0] <= nearest * (1 + 1e-6)
 
 
+def test_mu_scales_with_the_box():
+    nominal = load_nominal("vega_like")
+    whole, half = mu(nominal, 50.0), mu(nominal, 50.0, radius=(0.5, 0.5))
+    assert half.lower == pytest.approx(0.5 * whole.lower, rel=2 * TOLERANCE)
+    assert half.delta == pytest.approx(whole.delta, rel=1e-2)
+
+
+def test_other_gains_than_the_nominals():
+    nominal = load_nominal("constant")
+    other = replace(nominal, controller=replace(nominal.controller, kp=3.0, kd=1.5))
+    assert mu(nominal, 0.0, kp=3.0, kd=1.5).lower == mu(other, 0.0).lower != mu(nominal, 0.0).lower
+
+
+def test_identification_lowers_mu_over_the_flight():
+    nominal, times = load_nominal("vega_like"), np.array([10.0, 50.0, 90.0])
+    before = mu_over_time(nominal, times)
+    after = mu_over_time(nominal, times, np.array([[0.2, 0.1], [-0.4, 0.3], [0.0, -0.5]]), np.full((3, 2), 0.1))
+    assert all(x.upper < 0.3 * y.lower for x, y in zip(after, before, strict=True))
+    assert [x.t for x in before] == times.tolist()
+
+
 # ---- degenerate boxes and loops by name
+
+
+def test_vanishing_sigma():
+    """mu -> 0 in proportion; the delta that destabilises goes to infinity, the parameters there do not."""
+    nominal = load_nominal("constant")
+    small = mu(replace(nominal, uncertainty=constant_profile(1e-9, 1e-9)), 0.0)
+    assert small.lower == pytest.approx(4e-9 * mu(nominal, 0.0).lower, rel=1e-6) and small.upper < 2e-9
 
 
 def test_loop_unstable_at_the_centre():

@@ -12,8 +12,8 @@ import pytest
 import launchid
 from launchid.log.check import checked
 from launchid.log.log import log_of
-from launchid.weakform.fit import gls, least
-from launchid.weakform.judge import FAST_THETA, Question, question
+from launchid.weakform.fit import gls, least, spectrum, whiteness
+from launchid.weakform.judge import FAST_THETA, Question, against, question
 from launchid.weakform.rows import Rows, increments, sines, term_modes, usable
 from sim.flight import parameters
 from sim.nominal import load_nominal
@@ -101,6 +101,16 @@ def test_noise_of_the_attitude_does_not_draw_a6_to_zero():
     assert fit.is_singular or abs(fit.xi[0] + 4.0) < 4.0 * math.sqrt(fit.covariance[0, 0])
 
 
+def test_whiteness_is_a_p_value_of_white_rests():
+    low = 0
+    for seed in range(40):
+        rows = driven(10.0, 1e-3, 1e-3, seed)
+        m = term_modes(rows, TERMS)
+        _, squares, many, _ = spectrum(gls(m), m, 12)
+        low += whiteness(squares, many) < 0.05
+    assert low <= 6
+
+
 # ---- the judge
 
 
@@ -181,6 +191,16 @@ def test_a_flight_path_that_nobody_logged_is_told_as_that():
     assert named(columns | {"gamma": turn}) == []
     rows = np.arange(len(turn)) % 300 < 285   # stretches of 3 s: the fast part is that of the whole log
     assert named({name: x[rows] for name, x in columns.items()})[:1] == [FAST_THETA]
+
+
+def test_what_moves_no_coefficient_refuses_no_window(flown):
+    """1 ms: seen, and of no account."""
+    late = np.interp(flown["t"] + 0.004, flown["t"], flown["beta"])
+    made = asked(flown | {"beta": late})
+    m = term_modes(made.rows, TERMS)
+    fit = gls(m)
+    std = np.sqrt(np.diag(fit.covariance))
+    assert against(made.rows, TERMS, fit.xi, 10.0 * std, fit, m, made.lacks) == []
 
 
 def test_what_cannot_be_asked_says_what_would_allow_it(flown):
