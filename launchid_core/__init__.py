@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from .kernels import compiled
     from .model import Model
     from .order.entries import precompile
-    from .port import PLACES, Port, port_of
+    from .port import Port, port_of
     from .watch.uncertainty import BANDS, EDGES
 
 __version__ = VERSION
 
-__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "MAX_ROWS", "NOISE_LEVELS", "PLACES", "SLOWEST", "SOLVERS",
+__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "MAX_ROWS", "NOISE_LEVELS", "SLOWEST", "SOLVERS",
            "Change", "Config", "Estimate", "EstimateStatus", "Estimator", "Level", "Model", "Port", "Sample", "Status",
            "Tracked", "Uncertainty", "__version__", "cache_folder", "compile_listeners", "compiled", "function_value",
            "parse_term", "polynomial", "port_of", "precompile", "term_name"]

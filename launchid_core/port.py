@@ -6,22 +6,12 @@ from typing import Any, NamedTuple
 
 from . import checkpoint
 from .config import Config
-from .filter import whiteness
-from .gate import ring
 from .order import onboard
 from .order.assembly import Memory, allocate
 from .order.block import seal_carried
 from .order.entries import calls_of
 from .order.table import APART, CARRIED_FROM, FILTERED
 from .regression import regression
-from .watch import changes, undeclared
-
-PLACES = {f"{of}.{name}": int(getattr(module, name)) for of, module, names in (   # of words, in arrays of the memory
-    ("state.counts", ring, ("HEAD", "ROWS", "CLOSED_ROWS", "CLOSED_BACK", "WAITING")),
-    ("state.watch.counts", changes, ("NEXT", "KEPT", "EVENTS")),
-    ("state.check.flag", whiteness, ("OLDEST", "WAITING", "CHANGED", "HAS_FAILED", "BEYOND_CHANCE")),
-    ("state.check.number", whiteness, ("STATISTIC", "LAST_CHANGE", "LAST_FAILED", "LOSSES")),
-    ("state.undeclared.flag", undeclared, ("AGE", "NEWER", "DOUBT"))) for name in names}
 
 
 class Port(NamedTuple):

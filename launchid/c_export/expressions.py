@@ -241,6 +241,8 @@ class Expressions:
             for part, other in ((node.left, node.right), (node.right, node.left)):
                 if self.kinds.facts.number(part) == neutral:
                     return self._code(other)
+        if kind == INTEGER and isinstance(node.op, ast.Sub) and self.kinds.facts.number(node.right) == 0:
+            return self._code(node.left)
         left, right = self.turned(node.left, kind, tightness), self.turned(node.right, kind, UNARY)
         return f"{left} {symbol} {right}", tightness
 

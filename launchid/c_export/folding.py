@@ -110,18 +110,27 @@ class Facts:
         """The numbers that an expression may be in the turns of the loops around it; None where one is not known."""
         if node is None:
             return None
-        names = [name for name in self.ranges if any(isinstance(each, ast.Name) and each.id == name
-                                                     for each in walk(node))]
-        found, before = list[Fact](), (self.given, self.kept)
+        names = [name for name in self.ranges if name in self._reads(node)]
+        found, before = list[Fact](), (self.given, self.kept, self.ranges)
         for values in itertools.product(*(self.ranges[name] for name in names)):
             if names:
                 self.given, self.kept = before[0] | dict(zip(names, values, strict=True)), {}
+                self.ranges = {name: turns for name, turns in before[2].items() if name not in names}
             found.append(self(node))
-        self.given, self.kept = before
+        self.given, self.kept, self.ranges = before
         fact = among(found)
         if isinstance(fact, Among) and isinstance(fact.facts[0], NUMBERS):
             return fact.facts
         return (fact,) if isinstance(fact, NUMBERS) else None
+
+    def _reads(self, node: ast.expr) -> set[str]:
+        """The names that an expression hangs on, through names that are assigned once."""
+        names, waiting = set[str](), [node]
+        while waiting:
+            new = {each.id for each in walk(waiting.pop()) if isinstance(each, ast.Name)} - names
+            names |= new
+            waiting += [self.once[name] for name in new if name in self.once]
+        return names
 
     def decided(self, test: ast.expr) -> Any:
         """The answer of a test, also if it is the same in every turn of the loops around it; None if unknown."""
@@ -272,6 +281,10 @@ class Facts:
                 return [each] if is_pure else [*left, each]
         return left or [node.values[-1]]
 
+    def _tuple(self, node: ast.Tuple) -> Fact:
+        numbers = [self.number(each) for each in node.elts]
+        return None if None in numbers else np.array(numbers)
+
     def _ifexp(self, node: ast.IfExp) -> Fact:
         test = self.number(node.test)
         return None if test is None else self(node.body if test else node.orelse)
@@ -285,11 +298,11 @@ class Facts:
         if name in CALLS:
             numbers = [self.number(each) for each in node.args]
             return None if None in numbers else fact_of(CALLS[name](*numbers))
-        if isinstance(node.func, ast.Attribute):
-            if node.func.attr == "reshape":
-                shape = node.args[0]
-                assert isinstance(shape, ast.Tuple)
-                return tuple(self.number(each) for each in shape.elts)
+        if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
+            shape = node.args[0]
+            assert isinstance(shape, ast.Tuple)
+            return tuple(self.number(each) for each in shape.elts)
+        if isinstance(node.func, ast.Attribute) and ast.unparse(node.func.value) in ("np", "math"):
             return None
         return self.kinds.result_of(node)
 

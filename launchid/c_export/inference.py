@@ -80,14 +80,16 @@ class Inference:
         """Statements that can be reached, one after the other, so that each may be read before the next is decided:
         decided branches in their place, no loop without turns, nothing after a return among them."""
         for node in body:
-            last: ast.stmt | None = node
+            last: ast.stmt = node
             answer = self.facts.decided(node.test) if isinstance(node, ast.If) else None
             if isinstance(node, ast.If) and answer is not None:
-                last = None
                 for last in self.alive(node.body if answer else node.orelse):
                     yield last
-            elif not (isinstance(node, ast.For) and self.facts.turns(node) == 0):
-                yield node
+            elif not isinstance(node, ast.For) or self.facts.turns(node) != 0:
+                if isinstance(node, ast.For) and self.settled and self.facts.turns(node) is not None:
+                    begin = next(self.alive(node.body), None)  # what it does in its first turn ends it
+                    last = begin if isinstance(begin, ast.Return) and isinstance(begin.value, ast.Constant) else node
+                yield last
             if isinstance(last, ast.Return):
                 return
 

@@ -61,10 +61,10 @@ def _without_unused(lines: list[str], pure: set[str]) -> list[str]:
     kept: list[str] = []
     read: set[str] = set()
     for line in reversed(lines):
-        declared = re.match(r"\s*(?:const )?\w+ \*?(\w+) = .*;$", line)
+        declared = re.match(r"\s*(?:const )?\w+ \*?(\w+)(?:\[\])? = .*;$|\s*\(void\)(?=\w+ [^=])", line)
         if not declared or declared[1] in read or not set(re.findall(r"(\w+)\(", line)) <= pure:
             kept.append(line)
-            read |= _words([line.replace(f"{declared[1]} = ", "") if declared else line])
+            read |= _words([line.split(" = ", 1)[1] if declared else line])
     return kept[::-1]
 
 

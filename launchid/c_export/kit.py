@@ -7,13 +7,13 @@ from .program import c_files, template
 from .vectors import Flight, header
 from .wrappers import wrappers
 
-PLAIN = ("example.c", "Makefile", "target.c", "target.ld")  # the same for every configuration
+PLAIN = ("example.c", "eva.c", "Makefile", "target.c", "target.ld")  # the same for every configuration
 
 
 def exported(config: Config, flights: list[Flight]) -> dict[str, str]:
     """File name -> text of all that `launchid export-c` writes; the Python estimator answers to the flights."""
     statuses = ", ".join(f"LAUNCHID_{status.name}" for status in Status)
-    vectors = {"flights": len(flights), "samples": sum(len(flight.samples) for flight in flights)}
+    vectors = {"flights": len(flights), "samples": sum(map(len, flights))}
     return (c_files(config, vectors=vectors) | {"check.c": template("check.c", {"statuses": statuses})}
             | {name: template(name, {}) for name in PLAIN} | {"vectors.h": header(config, flights)}
             | wrappers(config))

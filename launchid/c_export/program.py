@@ -152,7 +152,7 @@ class _Program:
     def header(self) -> str:
         """The text of launchid.h."""
         return template("launchid.h", self.sizes() | {
-            "terms": len(self.config.terms), "max_changes": _module("changes").MAX_EVENTS,
+            "terms": len(self.config.terms), "max_changes": core_module("changes").MAX_EVENTS,
             "statuses": _enumeration(Status),
             "estimate_statuses": _enumeration(EstimateStatus), "structs": "\n".join(self.unit.declarations),
             "state": self._members(STATE), "work": self._members(WORK),
@@ -209,7 +209,7 @@ class _Program:
                                       "seal": self.seal}),
             template("save.c", self._saved())])
         for module, name in OWN_CONSTANT.findall(own):
-            home = _module(module.lower())
+            home = core_module(module.lower())
             self.unit.constant(home.__name__, name, getattr(home, name))
         self.unit.own = own
         names = ",\n    ".join(f'"{term}"' for term in self.config.terms)
@@ -261,7 +261,7 @@ def _initialiser(value: Any, depth: int = 1) -> str:
     return "{\n" + ",\n".join(lines) + "}"
 
 
-def _module(name: str) -> ModuleType:
+def core_module(name: str) -> ModuleType:
     """A module of the core by the last part of its name."""
     return next(module for path, module in sorted(sys.modules.items())
                 if path.startswith("launchid_core.") and path.endswith(f".{name}"))

@@ -1,44 +1,68 @@
 """Replay vectors of an export: flights, and what the Python estimator answers to them, as the bits of C arrays.
 
 Together the flights reach what the estimator has: a plain one; one of faults, a row of FAULTS each; one in pieces; two
-that change their regime; sensors that stand still; rest; and one that begins again and again from a checkpoint of which
-words are others, a row of WORDS each: what takes minutes, or an upset memory, to come about.
+that change their regime; sensors that stand still; rest.  What takes minutes, or an upset memory, to come about is in
+`upsets.txt`: words of a checkpoint that are others for some samples, found by a search for what was not reached.
 """
 
+import functools
 import itertools
 import math
 import struct
 import zlib
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from launchid_core import BANDS, PLACES, Config, Estimate, Estimator, Sample, Status, port_of
+from launchid_core import BANDS, Config, Estimate, Estimator, Sample, Status, port_of
 from sim.effects import from_text
 from sim.errors import InputError, UsageError
 from sim.flight import fly
 from sim.nominal import Nominal
+
+from .program import core_module
 
 SEED = 1
 FEWEST_SAMPLES = 300   # of a flight
 NO_NUMBER = 0x7FF8000000000000  # every NaN
 OFFSETS = ("thrust_misalignment", "moment", "attitude_bias", "gyro_bias", "nozzle_sensor_bias")
 NAN, INF, HUGE = math.nan, math.inf, 1e300
+PRIME = 0x100000001B3  # FNV-1a's
+UPSETS = Path(__file__).parent / "upsets.txt"
+
+Flight = list[Sample]  # after a reset
 
 
-Word = tuple[str, int | str, float]   # array of the memory, place in it (its name: `PLACES`), what stands there
+class Upset(NamedTuple):
+    """Words of a checkpoint that are others while some samples are flown; then the flight is as it was.
 
-
-class Flight(NamedTuple):
-    """Samples after a reset.
-
-    words  number of a sample -> words of the saved state that are others when the estimator goes on from a checkpoint
-           before this sample; none: a checkpoint as it is
+    flight         its number
+    window, place  before which sample: so many before that window's end; of window 0, so many after the flight's begin
+    flown          samples
+    words          array of the memory, place in it, what stands there; of the array `sample` a field of the first one
     """
 
-    samples: list[Sample]
-    words: dict[int, list[Word]]
+    flight: int
+    window: int
+    place: int
+    flown: int
+    words: list[tuple[str, int, float]]
+
+    def before(self, rows: int) -> int:
+        """The number of the sample, in windows of so many rows."""
+        return self.window * rows - self.place if self.window > 0 else self.place
+
+
+def upsets() -> list[Upset]:
+    """Those of the file: a line each, words three by three after the numbers."""
+    found = []
+    for line in UPSETS.read_text(encoding="utf-8").splitlines():
+        flight, window, place, count, *words = line.split()
+        found.append(Upset(int(flight), int(window), int(place), int(count), [
+            (words[k], int(words[k + 1]), float(words[k + 2])) for k in range(0, len(words), 3)]))
+    return found
 
 
 def flown(nominal: Nominal, config: Config) -> list[Flight]:
@@ -47,12 +71,11 @@ def flown(nominal: Nominal, config: Config) -> list[Flight]:
     plain = _base(nominal, config, max(2 * rows + 2, FEWEST_SAMPLES))
     half = min(rows // 2, FEWEST_SAMPLES // 2)
     first = [*plain[:half], plain[half]._replace(theta=NAN), plain[half], plain[half], *plain[half + 3:]]
-    first = first[:max(rows + 2, FEWEST_SAMPLES)]
     pieces = rows if config.formulation != "filtered" else min(rows, 60)   # the filter takes one sample like the other
-    return [Flight(first, {half: []}), _faulty(plain), _in_pieces(plain, rows, pieces),
-            _changing(nominal, config, "control_loss:fraction=0.5,time=3"),
-            _changing(nominal, config, "control_loss:fraction=0.5,time=2.5", "steady_wind:angle=0.02"),
-            _standing(plain, rows), _still(plain, rows), _begun_again(plain, config)]
+    return [first[:max(rows + 2, FEWEST_SAMPLES)], _faulty(plain), _in_pieces(plain, rows, pieces),
+            _base(nominal, config, 700, "control_loss:fraction=0.5,time=3"),
+            _base(nominal, config, 700, "control_loss:fraction=0.5,time=2.5", "steady_wind:angle=0.02"),
+            _standing(plain, rows), _still(plain, rows)]
 
 
 def _base(nominal: Nominal, config: Config, count: int, *effects: str) -> list[Sample]:
@@ -97,15 +120,13 @@ FAULTS: tuple[tuple[int, Callable[[Sample], list[Sample]]], ...] = (  # number o
     (142, lambda s: [s._replace(theta=3.1)]),
     *((k, lambda s: [s._replace(theta_dot=NAN)]) for k in range(150, 165)),
 )
-LOST = 60              # sample of the faults before which the filter has lost the sensors often
 
 
 def _faulty(plain: list[Sample]) -> Flight:
     """Faults in the gate, outliers, gaps, a jump across half a turn; the clock is set back."""
     faults = dict(FAULTS)
     samples = [each for k, sample in enumerate(plain[:180]) for each in faults.get(k, lambda s: [s])(sample)]
-    return Flight([*samples, *(s._replace(t=s.t - 3.0) for s in plain[180:240])],
-                  {LOST: [("state.check.number", "LOSSES", 9.0)]})
+    return [*samples, *(s._replace(t=s.t - 3.0) for s in plain[180:240])]
 
 
 def _in_pieces(plain: list[Sample], rows: int, count: int) -> Flight:
@@ -118,91 +139,27 @@ def _in_pieces(plain: list[Sample], rows: int, count: int) -> Flight:
         at += length + 1
     places = [*range(20), rows - 1, rows - 0.4, *single, *pieces, 6 * rows]
     period = plain[1].t - plain[0].t
-    return Flight([s._replace(t=period * k, theta_dot=NAN if k >= 4 * rows else s.theta_dot)
-                   for k, s in zip(places, itertools.cycle(plain), strict=False)], {})
-
-
-def _changing(nominal: Nominal, config: Config, *effects: str) -> Flight:
-    """A regime that changes; on the way alarms are raised that were not, and what is known is surer than it is."""
-    samples, rows = _base(nominal, config, 700, *effects), config.rows
-    t = samples[min(280, len(samples) - 1)].t
-    sure: list[Word] = [("state.bank.covariance", place, 1e-12) for place in (0, 5, 16, 21)]
-    sure += [("state.bank.covariance", place, 0.0) for place in (1, 4, 17, 20)]
-    words: dict[int, list[Word]] = {
-        150: [("state.gauge.flag", 0, 1), ("state.gauge.flag", 2, 1)], 220: [("state.gauge.flag", 1, 1)],
-        rows - 15: sure,
-        rows - 3: [("state.check.flag", "HAS_FAILED", 1), ("state.check.number", "LAST_FAILED", 0.0)]}
-    if len(effects) > 1:
-        words[280] = [("state.check.flag", "CHANGED", 1), ("state.check.number", "LAST_CHANGE", t - 5.0),
-                      ("state.undeclared.flag", "AGE", 1)]
-    return Flight(samples, words)
+    return [s._replace(t=period * k, theta_dot=NAN if k >= 4 * rows else s.theta_dot)
+            for k, s in zip(places, itertools.cycle(plain), strict=False)]
 
 
 def _standing(plain: list[Sample], rows: int) -> Flight:
-    """A window that knows of one term alone; one in which a sensor after the other stands still."""
+    """A window, and one in which a sensor after the other stands still."""
     samples = plain[:rows]
     for k, s in enumerate(plain[rows:2 * rows + 2]):
         still, which = plain[rows + k - k % 30], k // 30 % 4
         samples.append(s._replace(**({"theta": still.theta} if which == 1 else {"theta_dot": still.theta_dot}
                                      if which == 2 else {"beta": still.beta} if which == 3 else {})))
-    return Flight(samples, {rows - 3: [("state.active", 0, 0)], rows: [("state.active", 0, 1)]})
+    return samples
 
 
 def _still(plain: list[Sample], rows: int) -> Flight:
-    """At rest, so that nothing can be known; then motion too small for its squares, and a window that is no number."""
+    """At rest, so that nothing can be known; then motion too small for its squares."""
     half, period = rows // 2 + 2, plain[1].t - plain[0].t
     samples = [Sample(s.t, 0.0, 0.0, 0.0, 0.0, 0.0) for s in plain[:half]]
     samples += [s._replace(t=s.t + rows * period, theta=1e-170 * s.theta, theta_dot=1e-170 * s.theta_dot,
                            beta=1e-170 * s.beta, beta_cmd=1e-170 * s.beta_cmd) for s in plain[:half]]
-    return Flight([*samples, plain[0]._replace(t=2 * rows * period)], {
-        half - 2: [("state.check.number", "STATISTIC", 1e9)],
-        2 * half - 2: [("state.acc.window", 0, NAN), ("state.check.number", "STATISTIC", NAN)]})
-
-
-# ---- words of a checkpoint
-
-def place_of(array: str, place: int | str) -> int:
-    """The place of a word in its array."""
-    return PLACES[f"{array}.{place}"] if isinstance(place, str) else place
-
-
-WORDS: tuple[tuple[Word, ...], ...] = (
-    (("seals", 24, 1),), (("state.guard", 0, 1),), (("state.guard", 0, 1),), (("state.guard", 1, 1),),
-    *(((name, place, value),) for name, place, values in (
-        ("state.counts", "HEAD", (-1, 9999)), ("state.counts", "ROWS", (-1, 9999)),
-        ("state.counts", "CLOSED_ROWS", (-1, 9999)), ("state.counts", "CLOSED_BACK", (-1, 2)),
-        ("state.counts", "WAITING", (-1, 9999)), ("state.acc.counts", 0, (-1, 9999)),
-        ("state.watch.counts", "NEXT", (-1, 99)), ("state.watch.counts", "KEPT", (-1, 99)),
-        ("state.watch.counts", "EVENTS", (-1,)), ("state.check.flag", "OLDEST", (-1, 99)),
-        ("state.check.flag", "WAITING", (-1, 99)), ("state.undeclared.flag", "NEWER", (-1, 2)),
-        ("state.undeclared.flag", "AGE", (-1,)), ("state.bank.total", 0, (NAN,)), ("state.bank.total", 2, (-1.0,)),
-        ("state.bank.total", 3, (-1.0,)),
-        ("state.filter.x", 0, (NAN,)), ("state.filter.p", 0, (NAN,)), ("state.filter.level", 0, (13.0, 5.0)),
-        ("state.undeclared.flag", "DOUBT", (1, 2)),
-        ("state.bank.mean", 0, (NAN,)), ("state.acc.level_information", 0, (NAN, INF)),
-        ("state.undeclared.covariance", 28, (NAN,)),
-        ("state.check.flag", "BEYOND_CHANCE", (1,)),
-        ("state.check.number", "STATISTIC", (NAN,))) for value in values),
-    (("state.check.number", "STATISTIC", 6000.0), ("state.check.flag", "WAITING", 24)),
-    (("state.check.sums", 0, 1e9), ("state.check.flag", "WAITING", 24)),
-    (("state.filter.level", 5, -2.0), ("state.filter.level", 6, -2.0), ("state.gust.number", 0, 0.9999)),
-)
-AFTER = 14             # samples from one to the next: a block, and a window's end
-BEFORE = 25            # the first
-
-
-def _begun_again(plain: list[Sample], config: Config) -> Flight:
-    """From checkpoints whose seals fit what stands in them, but for some words; then a window ends."""
-    there = dict(port_of(config).memory.state_arrays())
-    sets = [words for words in WORDS if all(name in there and place_of(name, place) < there[name].size
-                                            for name, place, _ in words)]
-    at = {BEFORE + AFTER * k: list(words) for k, words in enumerate(sets)}
-    period, samples, t = config.sample_period, list[Sample](), plain[0].t
-    for k in range(BEFORE + AFTER * len(sets)):
-        t += period * (config.rows if k >= BEFORE and (k - BEFORE) % AFTER == AFTER - 3 else 1)
-        samples.append(plain[k % len(plain)]._replace(t=t))
-    samples[BEFORE + AFTER] = samples[BEFORE + AFTER]._replace(theta=NAN)
-    return Flight(samples, at)
+    return [*samples, plain[0]._replace(t=2 * rows * period)]
 
 
 # ---- bits
@@ -249,61 +206,110 @@ def of_end(estimator: Estimator) -> list[Any]:
 
 
 class _Answers:
-    """The words of the Python estimator's answers to flights, and where it goes on from checkpoints."""
+    """The words of the Python estimator's answers to flights, and rows of the upsets: sample, byte of the saved state
+    (behind it, field of the sample), the word there, samples flown; 0: another word follows."""
 
     def __init__(self, config: Config) -> None:
-        self.estimator, self.words, self.events = Estimator(config), list[int](), list[list[int]]()
+        self.estimator, self.words, self.rows = Estimator(config), list[int](), list[list[int]]()
         arrays = port_of(config).memory.state_arrays()
-        sizes = [array.size for _, array in arrays]
-        self.begin = len(self.estimator.save()) - 4 - 8 * sum(sizes)
-        self.place = dict(zip((name for name, _ in arrays), itertools.accumulate([0, *sizes]), strict=False))
+        ends = list(itertools.accumulate((array.size for _, array in arrays), initial=0))
+        self.window, self.size = config.rows, len(self.estimator.save())
+        self.begin = self.size - 4 - 8 * ends[-1]
+        self.arrays = {name: (at, array) for (name, array), at in zip(arrays, ends, strict=False)}
+
+    def has(self, upset: Upset) -> bool:
+        """Whether the configuration has all words of an upset."""
+        return all(name == "sample" or (name in self.arrays and place < self.arrays[name][1].size)
+                   for name, place, _ in upset.words)
 
     def answer(self, values: Iterable[Any]) -> None:
         self.words += map(word, values)
 
-    def restart(self, number: int, words: list[Word]) -> None:
-        """Save, change words that are there, restore: what `restart` of check.c does for each."""
-        for name, place, value in [word for word in words if word[0] in self.place] or [("", 0, 0)]:
-            saved = bytearray(self.estimator.save())
-            self.answer([zlib.crc32(saved[:-4])])
-            at = self.begin + 8 * (self.place[name] + place_of(name, place)) if name else 0
-            if at:
-                saved[at:at + 8] = word(value).to_bytes(8, "little")
-                saved[-4:] = zlib.crc32(saved[:-4]).to_bytes(4, "little")
-            self.events.append([number, at, word(value)])
-            self.estimator.reset()
-            self.estimator.restore(bytes(saved))
-
-    def fly(self, flight: Flight, begin: int) -> None:
-        self.estimator.reset()
-        for number, sample in enumerate(flight.samples):
-            if number in flight.words:
-                self.restart(begin + number, flight.words[number])
+    def take(self, samples: Iterable[Sample]) -> None:
+        for sample in samples:
             status = self.estimator.update(sample)
             self.answer([int(status)])
             estimate = self.estimator.estimate() if status == Status.WINDOW_COMPLETE else None
             if estimate is not None:
                 self.answer(of_window(estimate))
+
+    def fly(self, flight: Flight, begin: int, there: list[Upset]) -> None:
+        self.estimator.reset()
+        for number, sample in enumerate(flight):
+            here = [upset for upset in there if number == upset.before(self.window)]
+            if here:
+                kept = self.estimator.save()
+                self.answer([zlib.crc32(kept[:-4])])
+                for upset in here:
+                    self.fly_upset(upset, kept, flight[number:number + upset.flown], begin + number)
+                self.estimator.restore(kept)
+            self.take([sample])
         self.answer(of_end(self.estimator))
+
+    def put(self, saved: bytearray, name: str, place: int, bits: int) -> tuple[int, int]:
+        """Write a word; returns its byte, and it."""
+        at = self.begin + 8 * (self.arrays[name][0] + place)
+        saved[at:at + 8] = bits.to_bytes(8, "little")
+        return at, bits
+
+    def seals(self, saved: bytearray, upset: Upset) -> Iterator[tuple[str, int, int]]:
+        """Seals of clock and counts, and of rows of the ring, that fit an upset's words; what is carried on is sealed
+        anew by `restore`."""
+        ring, changed = core_module("ring"), {name for name, _, _ in upset.words}
+        if changed & {"state.clock", "state.counts"}:
+            yield "state.guard", 0, self.seal(saved, "state.clock", 0, ring.N_CLOCK + ring.COUNT_FIRST)
+        for row in sorted({place // ring.N_COLUMNS for name, place, _ in upset.words if name == "ring"}):
+            yield "seals", row, self.seal(saved, "ring", row * ring.N_COLUMNS, ring.N_COLUMNS)
+
+    def seal(self, saved: bytearray, name: str, place: int, count: int) -> int:
+        """What `guard.fold` makes of so few words."""
+        begin, seal = self.begin + 8 * (self.arrays[name][0] + place), 0
+        for k in range(count):
+            bits = int.from_bytes(saved[begin + 8 * k:begin + 8 * k + 8], "little")
+            seal ^= (bits << k | bits >> 64 - k) % 2**64
+        return seal
+
+    def fly_upset(self, upset: Upset, kept: bytes, samples: Flight, number: int) -> None:
+        """What `fly_upset` of check.c does: the answers become one word."""
+        saved, fields, outer = bytearray(kept), [float(x) for x in samples[0]], self.words
+        rows = list[list[int]]()
+        for name, place, value in upset.words:
+            if name == "sample":
+                fields[place] = value
+                rows.append([number, self.size + place, word(value), 0])
+            else:
+                is_real = self.arrays[name][1].dtype.kind == "f"
+                rows.append([number, *self.put(saved, name, place, word(value if is_real else int(value))), 0])
+        for name, place, bits in self.seals(saved, upset):
+            rows.append([number, *self.put(saved, name, place, bits), 0])
+        self.rows += [*rows[:-1], [*(rows or [[number, 0, 0]])[-1][:3], len(samples)]]
+        saved[-4:] = zlib.crc32(saved[:-4]).to_bytes(4, "little")
+        self.estimator.restore(bytes(saved))
+        self.words = []
+        self.take([Sample(*fields), *samples[1:]])
+        self.answer([*of_end(self.estimator), zlib.crc32(self.estimator.save()[:-4])])
+        self.words = [*outer, functools.reduce(lambda folded, each: (folded ^ each) * PRIME % 2**64, self.words, 0)]
 
 
 def header(config: Config, flights: list[Flight]) -> str:
     """The text of vectors.h."""
-    answers, ends = _Answers(config), list(itertools.accumulate(len(flight.samples) for flight in flights))
+    answers, ends = _Answers(config), list(itertools.accumulate(map(len, flights)))
     with np.errstate(all="ignore"):  # in plain Python numpy would warn of what a status says
-        for flight, end in zip(flights, ends, strict=True):
-            answers.fly(flight, end - len(flight.samples))
-    samples = [[word(float(x)) for x in sample] for flight in flights for sample in flight.samples]
+        for k, (flight, end) in enumerate(zip(flights, ends, strict=True)):
+            answers.fly(flight, end - len(flight), [upset for upset in upsets() if upset.flight == k
+                                                    and answers.has(upset)])
+    samples = [[word(float(x)) for x in sample] for flight in flights for sample in flight]
     return "\n".join([
         "/* Samples and what the Python estimator answers to them: bits of doubles, every NaN 7FF8000000000000. */\n",
         "#ifndef LAUNCHID_VECTORS_H\n#define LAUNCHID_VECTORS_H\n\n#include <stdint.h>\n",
         f"#define VECTOR_SAMPLES {ends[-1]}\n#define VECTOR_FIRST {ends[0]}     /* samples of the first flight */",
-        f"#define VECTOR_FLIGHTS {len(flights)}\n#define VECTOR_RESTARTS {len(answers.events)}",
+        f"#define VECTOR_FLIGHTS {len(flights)}\n#define VECTOR_UPSETS {len(answers.rows)}",
         f"#define VECTOR_ANSWERS {len(answers.words)}\n",
         "/* samples until each flight's end */",
         f"static const int vector_end[] = {{{', '.join(map(str, ends))}}};\n",
-        "/* before a sample: byte of the saved state, 0: none, and the word that stands there after the restart */",
-        _array("vector_restart", answers.events, 3),
+        "/* before a sample: byte of the saved state (0: none), or behind it field of the sample; the word there;",
+        "   how many samples are flown so (0: the next row's word too) */",
+        _array("vector_upset", answers.rows, 4),
         _array("vector_sample", samples, 7), _array("vector_answer", [answers.words], 0), "#endif\n"])
 
 

@@ -95,7 +95,7 @@ def export_c(nominal: NominalSource, *, window: float = WINDOW, period: float | 
         raise UsageError(f"export-c: {str(error).removeprefix('Config.__init__() ')}") from None
     flights = flown(nominal, config)
     files = exported(config, flights)
-    return Exported(files, config, flights[0].samples, {"files": list(files)})
+    return Exported(files, config, flights[0], {"files": list(files)})
 
 
 @dataclass(frozen=True, eq=False)

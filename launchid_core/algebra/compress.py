@@ -55,7 +55,7 @@ def choose_rows(usable, n, p, random, kept):
                 kept[count] = i
                 count += 1
         random[0] = after(random[0], left)
-        return count
+        return min(count, kept.shape[0])
     number = random[0]
     for i in range(n):
         if usable[i] == 1:

@@ -91,7 +91,7 @@ def qr_factor(at, order, tau, tolerance):
         norm = math.sqrt(dot(v, v, k, m))
         if k == 0:
             first = norm
-        if not (norm > tolerance * first and norm < np.inf):
+        if not norm > tolerance * first:  # nor is infinity more than a share of infinity
             break
         beta = -math.copysign(norm, v[k])
         tau[k] = (beta - v[k]) / beta
@@ -149,9 +149,7 @@ def solve_triangle(at, n, y, x):
 
 @inner
 def pivot_ratio(at, rank):
-    """First pivot over last: a lower bound of the condition number, within a small factor in practice."""
-    if rank == 0:
-        return np.inf
+    """First pivot over last of rank >= 1: a lower bound of the condition number, within a small factor in practice."""
     return abs(at[0, 0]) / abs(at[rank - 1, rank - 1])
 
 

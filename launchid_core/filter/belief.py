@@ -34,7 +34,7 @@ def place_in(nodes, t):
     """(row before t [s], row behind it, share of the way) in nodes (n, any), held beyond both ends; a t that is no
     number is the first node's."""
     low, high = 0, nodes.shape[0] - 1
-    if high == 0 or not t > nodes[0, NODE_T]:
+    if nodes.shape[0] == 1 or not t > nodes[0, NODE_T]:
         return 0, 0, 0.0
     if t >= nodes[high, NODE_T]:
         return high, high, 0.0

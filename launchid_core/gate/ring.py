@@ -196,7 +196,7 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
     t_start = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
     if t >= t_start - slack:  # else it came after its window had closed
         count[ROWS] = min(count[ROWS] + 1, ring.shape[0] - 1)
-    if not complete and t + LAST_SAMPLE * limits[PERIOD] > t_start + limits[WINDOW] and count[ROWS] > 0:
+    if not complete and t + LAST_SAMPLE * limits[PERIOD] > t_start + limits[WINDOW]:
         close_window(limits, clock, count, 0)
         count[INDEX] += 1
         complete = True
@@ -223,15 +223,16 @@ def copy_window(ring, count, saturation, signal):
     signal     (7, m)     out  one row a column of the ring
     Returns how many were copied and how many left out.
     """
-    n, copied = count[CLOSED_ROWS], 0
+    n, left_out = count[CLOSED_ROWS], 0
     for row in range(n):
         source = ring[place_of_row(count, ring, row)]
         saturated = False
         for k in range(THETA, N_COLUMNS):
-            if abs(source[k]) >= saturation[k]:
+            if saturation[k] < np.inf and abs(source[k]) >= saturation[k]:
                 saturated = True
-        if not saturated:
+        if saturated:
+            left_out += 1
+        else:
             for k in range(N_COLUMNS):
-                signal[k, np.uint64(copied)] = source[k]
-            copied += 1
-    return copied, n - copied
+                signal[k, np.uint64(row - left_out)] = source[k]
+    return n - left_out, left_out

@@ -31,7 +31,7 @@ def longest_run(ring, counts, column, stop):
     before = ring[place_of_row(counts, ring, 0), column]
     for k in range(1, counts[rb.CLOSED_ROWS]):
         now = ring[place_of_row(counts, ring, k), column]
-        if before == now and abs(now) < stop:  # at its end stop it may stand still
+        if before == now and (stop == np.inf or abs(now) < stop):  # at its end stop it may stand still
             run += 1
             repeats += 1
             if run > longest:

@@ -28,7 +28,7 @@ from ..watch.report import report_air, report_changes, report_level, report_serv
 from ..watch.tracker import MEMBERS, restart_bank
 from ..watch.uncertainty import close_range, restart_gauge, watch_range
 from ..watch.undeclared import restart_undeclared
-from .block import CLOSE, NOTHING, begin_window, close_block, gather, is_block_whole, seal_carried, set_servo_step
+from .block import NOTHING, SET_STEP, begin_window, close_block, gather, is_block_whole, seal_carried, set_servo_step
 
 TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
 DUE = 64       # beside a status: what waits is to be used
@@ -210,10 +210,10 @@ def process_samples(size, block, words, ring, seals, rows, profile, air, sigma, 
         wanted = gather(block, ring, rows, profile, air, code)
         if wanted == NOTHING:
             break
-        if wanted == CLOSE:
-            close_block(size, block, rows, profile)
-        elif size.servo > 0:
+        if size.servo > 0 and wanted == SET_STEP:
             set_servo_step(block)
+        else:
+            close_block(size, block, rows, profile)
     if code == rb.WINDOW_COMPLETE:
         close_window(size, block, ring, profile)
     elif code == rb.CLOCK_RESET:
@@ -264,9 +264,8 @@ def report_now(block, profile, air):
     """Everything that leaves beside the outcome, as of now: the closed window's end, or the last sample after it."""
     fixed, state, rep = block[0].fixed, block[0].state, block[0].work.report
     counts, clock = state.counts, state.clock
-    t = clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
-    if counts[rb.ROWS] > counts[rb.CLOSED_BACK]:
-        t = clock[rb.T_LAST]
+    is_later = counts[rb.ROWS] > counts[rb.CLOSED_BACK]
+    t = clock[rb.T_LAST] if is_later else clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
     contradicted = state.check.flag[RAISED] == 1
     report_tracked(profile, state.bank.total, contradicted, t, rep)
     report_air(fixed.belief, air, state.filter, state.bank.total, contradicted, rep)

@@ -12,7 +12,7 @@ from ..algebra.sparse import factor_whole, solve_lasso, solve_own, solve_sr3, so
 from ..gate import window as wn
 from ..gate.window import knows_nothing, knows_one_direction
 from ..kernels import inner
-from .plan import OWN_SHARE, PAIR, RAW, TERM_A6, TERM_A6_DOT
+from .plan import OWN_SHARE, PAIR, RAW, TERM_A6, TERM_A6_DOT, is_active
 
 ORDER = (0, 2, wn.ATTITUDE)  # of the equations: the last one's factor stays, for its standard deviations
 RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
@@ -48,12 +48,12 @@ def judge_separation(number):
 
 
 @inner
-def is_driven(codes, support):
-    """Whether any active term of theta_ddot is one in theta or beta.  codes (q, 6), support (q, 3)  in"""
+def is_driven(plan, codes, active):
+    """Whether any active term of theta_ddot is one in theta or beta.  codes (q, 6), active (q,)  in"""
     for j in range(codes.shape[0]):
-        in_function = codes[j, 4] > 0 and codes[j, 5] != RATE
-        if support[j, wn.ATTITUDE] == 1 and (codes[j, 0] > 0 or codes[j, 2] > 0 or in_function):
-            return True
+        if codes[j, 0] > 0 or codes[j, 2] > 0 or (codes[j, 4] > 0 and codes[j, 5] != RATE):
+            if is_active(plan, active, j):
+                return True
     return False
 
 
@@ -64,7 +64,7 @@ def factor_library(fixed, state, work, at, pieces):
     at (q + EQUATIONS + PAIR, count)  inout  library columns, targets and drifts, these into the factor's coordinates
     """
     q = fixed.size.terms
-    if pieces > 0 and at.shape[1] - pieces <= q:
+    if at.shape[1] - pieces <= q:
         return wn.GAP
     scale_columns(at[:q], work.norms[:])
     rank = qr_factor(at, work.order[:q], work.tau[:], RANK_TOLERANCE)
@@ -78,15 +78,15 @@ def factor_library(fixed, state, work, at, pieces):
 
 
 @inner
-def keep_equation(fixed, work, out, e, passes):
+def keep_equation(fixed, work, out, e, is_solved):
     """The coefficients of equation e into the outcome; returns OK, RANK or NUMERICS."""
-    if passes < 0 and e == wn.ATTITUDE:
+    if not is_solved and e == wn.ATTITUDE:
         return wn.RANK
     for j in range(fixed.size.terms):
-        if passes > 0 and not np.isfinite(work.xi[j]):
+        if is_solved and not np.isfinite(work.xi[j]):
             return wn.NUMERICS
-        out.xi[j, e] = work.xi[j] if passes > 0 else np.nan
-        out.support[j, e] = int(work.active[j] == 1 and passes > 0)
+        out.xi[j, e] = work.xi[j] if is_solved else np.nan
+        out.support[j, e] = int(is_solved and is_active(fixed.plan, work.active[:], j))
     if e == wn.ATTITUDE:
         for p in range(PAIR):
             out.number[wn.O_A6 + p] = coefficient(work, fixed.plan[TERM_A6 + p])
@@ -102,7 +102,7 @@ def choose_by_threshold(fixed, work, out, columns, count):
         if status == wn.OK:
             y = columns[(q + ORDER[k]) * count:(q + ORDER[k]) * count + q]
             passes = solve_stls(q, work.whole, y, fixed.threshold[RAW], work.xi[:], work.active[:], work.sparse)
-            status = keep_equation(fixed, work, out, ORDER[k], passes)
+            status = wn.RANK if passes < 0 else keep_equation(fixed, work, out, ORDER[k], True)
     return status
 
 
@@ -114,7 +114,7 @@ def choose_stepwise(fixed, work, out, columns, count):
         if status == wn.OK:
             y = columns[(q + ORDER[k]) * count:(q + ORDER[k]) * count + q]
             passes = solve_ssr(q, work.whole, y, fixed.threshold[RAW], work.xi[:], work.active[:], work.sparse)
-            status = keep_equation(fixed, work, out, ORDER[k], passes)
+            status = wn.RANK if passes < 0 else keep_equation(fixed, work, out, ORDER[k], True)
     return status
 
 
@@ -127,7 +127,7 @@ def choose_by_share(fixed, work, out, columns, count):
             y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
             needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
             passes = solve_own(q, work.whole, y, needed, work.xi[:], work.active[:], work.sparse)
-            status = keep_equation(fixed, work, out, ORDER[k], passes)
+            status = wn.RANK if passes < 0 else keep_equation(fixed, work, out, ORDER[k], True)
     return status
 
 
@@ -141,7 +141,7 @@ def choose_by_lasso(fixed, work, out, columns, count):
             needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
             passes = solve_lasso(q, work.mt[:], work.whole, y, threshold, needed, work.xi[:], work.active[:],
                                  work.sparse)
-            status = keep_equation(fixed, work, out, ORDER[k], passes)
+            status = keep_equation(fixed, work, out, ORDER[k], passes > 0)
     return status
 
 
@@ -154,5 +154,5 @@ def choose_relaxed(fixed, work, out, columns, count):
             y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
             needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
             passes = solve_sr3(q, work.mt[:], work.whole, y, threshold, needed, work.xi[:], work.active[:], work.sparse)
-            status = keep_equation(fixed, work, out, ORDER[k], passes)
+            status = keep_equation(fixed, work, out, ORDER[k], passes > 0)
     return status

@@ -1,5 +1,7 @@
 """The choices made at construction, as kernels read them, and the places of the series of a window's close."""
 
+from ..kernels import inner
+
 # plan (i8) of a regression
 KEEP, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, INTEGRAL, HELD, ENOUGH, SPARSE = range(10)
 N_PLAN = 10
@@ -24,3 +26,20 @@ N_SERIES = 25
 # marks (N_MARKS, m) int64: gap-free piece; 1 where the row may be used; rows kept
 SEGMENT, USABLE, KEPT = range(3)
 N_MARKS = 3
+
+
+@inner
+def is_active(plan, active, term):
+    """Whether a term is in the equation: where nothing selects, all are."""
+    return plan[SPARSE] == 0 or active[term] == 1
+
+
+@inner
+def number_active(plan, active, q):
+    """How many of q terms are in the equation."""
+    if plan[SPARSE] == 0:
+        return q
+    number = 0
+    for j in range(q):
+        number += int(active[j] == 1)
+    return number

@@ -131,7 +131,7 @@ def end_window(fixed, state, work, words, rows, marks, columns, series, status, 
         report_attitude(fixed.plan, fixed.codes[:q], work, out, rows, marks,
                         columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept)),
                         series[:(2 + q) * kept].reshape((2 + q, kept)), n, kept - pieces)
-        driven = eq.is_driven(fixed.codes[:q], out.support)
+        driven = eq.is_driven(fixed.plan, fixed.codes[:q], work.active[:])
         status = eq.judge_separation(out.number) if driven else LOW_INFORMATION
     if status != OK:
         clear_outcome(out, status)

@@ -33,7 +33,7 @@ from ..algebra.sparse import ACTIVE_TOLERANCE
 from ..gate.ring import ATTACK, BETA, T
 from ..gate.window import ATTITUDE, EQUATIONS, INTERVAL, O_A6_STD, O_CORRELATION
 from ..kernels import inner
-from .plan import ERROR, HALF, HELD, INTEGRAL, KEPT, PAIR, SPARSE, TERM_A6, TERM_A6_DOT, VALUE
+from .plan import ERROR, HALF, HELD, INTEGRAL, KEPT, PAIR, SPARSE, TERM_A6, TERM_A6_DOT, VALUE, is_active, number_active
 from .rows import integral_error, integrate
 
 STEADIEST = 0.97     # largest autoregression believed: beyond, L would be the whole window and S = 0
@@ -118,7 +118,8 @@ def factor_drifts(plan, q, size, work, drift, count, free):
     drifts = 0
     for d in range(PAIR):
         term, slope = plan[TERM_A6 + d], plan[TERM_A6_DOT + d]
-        if term >= 0 and work.active[term] and not (slope >= 0 and work.active[slope]):
+        is_sloped = slope >= 0 and is_active(plan, work.active[:], slope)
+        if term >= 0 and is_active(plan, work.active[:], term) and not is_sloped:
             for i in range(count):
                 drift[drifts * count + i] = drift[d * count + i]
             drifts += 1
@@ -130,15 +131,35 @@ def factor_drifts(plan, q, size, work, drift, count, free):
         column = drift[d * count:(d + 1) * count]
         for i in range(q):
             work.heads[d, i] = dot(rows[i][2 * q:3 * q], column, 0, q)
-        for i in range(left):
-            drift[d * left + i] = work.heads[d, size + i] if size + i < q else column[size + i]
+        for i in range(q - size):
+            drift[d * left + i] = work.heads[d, size + i]
+        for i in range(q - size, left):
+            drift[d * left + i] = column[size + i]
     tails = drift[:drifts * left].reshape((drifts, left))
     rank = qr_factor(tails, work.drift_order[:drifts], work.drift_tau[:], ACTIVE_TOLERANCE)
     return drifts if rank == drifts and abs(tails[0, 0]) > ACTIVE_TOLERANCE else 0
 
 
 @inner
-def fill_series(q, size, work, y, drift, series, drifts, known):
+def fill_residuals(q, size, work, y, tails, series, drifts):
+    """Fill the residual of the active terms without the drifts and with them, and the drifts' coefficients.  tails  in
+    of each drift, factored: what is left of it below the active terms"""
+    rows, count = work.sparse.rows[:4 * q * q].reshape((q, 4 * q)), y.shape[0]
+    for i in range(size, q):
+        series[1, i] = rows[i, 3 * q]
+    for i in range(q, count):
+        series[1, i] = y[i]
+    for i in range(size, count):
+        series[0, i] = series[1, i]
+    residual = series[0][size:]
+    apply_q_transposed(tails, work.drift_tau[:], drifts, residual)
+    solve_triangle(tails, drifts, residual, work.drift_value[:])
+    for k in range(drifts):
+        residual[k] = 0.0
+
+
+@inner
+def fill_series(plan, q, size, work, y, drift, series, drifts, known):
     """Fill residuals and influences in the coordinates of the active terms' factor.
 
     series (2 + q, count)  out  residual of the active terms with the drifts, residual without, and of each term: the
@@ -148,21 +169,14 @@ def fill_series(q, size, work, y, drift, series, drifts, known):
     Waugh, Econometrica 1, 1933; Lovell, JASA 58, 1963): its coefficient is d'y over what of the column lies along d,
     and d'y d what the residual loses.
     """
-    count, left, norms = y.shape[0], y.shape[0] - size, work.sparse.norms
+    left, norms = y.shape[0] - size, work.sparse.norms
     rows = work.sparse.rows[:4 * q * q].reshape((q, 4 * q))
     tails, value, order = drift[:drifts * left].reshape((drifts, left)), work.drift_value, work.drift_order
     series[:, :] = 0.0
-    for i in range(size, count):
-        series[1, i] = rows[i, 3 * q] if i < q else y[i]
-        series[0, i] = series[1, i]
-    residual = series[0][size:]
-    apply_q_transposed(tails, work.drift_tau[:], drifts, residual)
-    solve_triangle(tails, drifts, residual, value[:])
-    for k in range(drifts):
-        residual[k] = 0.0
+    fill_residuals(q, size, work, y, tails, series, drifts)
     for j in range(q):
         work.change[j] = 0.0
-        if work.active[j]:
+        if is_active(plan, work.active[:], j):
             for i in range(size):
                 series[2 + j, i] = rows[i, q + j] / norms[j]
             for k in range(drifts):  # by what the drifts explain of the rows: (R^-1 heads) R_drift^-1
@@ -186,12 +200,12 @@ def fill_series(q, size, work, y, drift, series, drifts, known):
 
 
 @inner
-def turn_back(at, q, size, work, drift, series, drifts):
+def turn_back(plan, at, q, size, work, drift, series, drifts):
     """Turn the series (2 + q, count) into time: by the factors of drifts, active terms, window (`at`, (>=q, count))."""
     rows, left = work.sparse.rows[:4 * q * q].reshape((q, 4 * q)), series.shape[1] - size
     tails = drift[:drifts * left].reshape((drifts, left))
     for k in range(series.shape[0]):
-        if k == 0 or (k > 1 and work.active[k - 2]):
+        if k == 0 or (k > 1 and is_active(plan, work.active[:], k - 2)):
             rotate(tails, work.drift_tau[:], drifts, series[k][size:].reshape((1, left)), 0, 1)
         head = work.head[:q]
         head[:] = 0.0
@@ -203,31 +217,41 @@ def turn_back(at, q, size, work, drift, series, drifts):
 
 
 @inner
-def report_active(plan, q, work, out, rows, marks, series, freedom):
-    """Standard deviations of the active terms, a6 and k1 with their correlation, from the series in time."""
+def weigh_influences(plan, q, work, rows, marks, series):
+    """Square what quadrature, differencing and rounding may put each active coefficient off, into work.numeric; then
+    weigh its influences by the residual."""
     count, largest = series.shape[1], 0.0
     for j in range(q):
         largest += abs(work.xi[j]) * work.sparse.norms[j]
     for j in range(q):
-        if work.active[j]:
+        if is_active(plan, work.active[:], j):
             influence, off = series[2 + j], 0.0
             for r in range(count):
                 off += influence[r] * rows[ERROR, marks[KEPT, r]]
             rounding = EPS * largest
             work.numeric[j] = off * off + rounding * rounding * dot(influence, influence, 0, count)
             multiply(influence, series[0], 0, count)
+
+
+@inner
+def report_active(plan, q, work, out, rows, marks, series, freedom):
+    """Standard deviations of the active terms, a6 and k1 with their correlation, from the series in time."""
+    weigh_influences(plan, q, work, rows, marks, series)
+    count = series.shape[1]
     above = below = 0.0
     for p in range(PAIR):
         j = plan[TERM_A6 + p]
-        if j >= 0 and work.active[j]:
+        if j >= 0 and is_active(plan, work.active[:], j):
             more, less = autoregression(series[2 + j])
             above, below = above + more, below + less
     lags = bandwidth(above, below, count)  # of a6 and k1 together
     for j in range(q):
-        if work.active[j]:
-            together = j == plan[TERM_A6] or j == plan[TERM_A6 + 1]
+        if is_active(plan, work.active[:], j):
             v = series[2 + j]
-            variance = long_run(v, v, lags, freedom, True) if together else own_variance(v, freedom)
+            if j == plan[TERM_A6] or j == plan[TERM_A6 + 1]:
+                variance = long_run(v, v, lags, freedom, True)
+            else:
+                variance = own_variance(v, freedom)
             out.std[j] = math.sqrt(variance + work.change[j] * work.change[j] + work.numeric[j])
     for p in range(PAIR):
         if plan[TERM_A6 + p] >= 0:
@@ -247,20 +271,19 @@ def report_attitude(plan, codes, work, out, rows, marks, at, series, n, free):
     at (q + EQUATIONS + PAIR, count)  in  the window's factor, in its coordinates targets and drifts (lost);
     series (2 + q, count)  scratch;  n  rows of the window;  free  rows kept less what the pieces' means took
     """
-    q, count, size = codes.shape[0], at.shape[1], 0
+    q, count = codes.shape[0], at.shape[1]
     y, drift = at[q + ATTITUDE], at[q + EQUATIONS:].reshape((PAIR * count,))
-    for j in range(q):
-        size += int(work.active[j] == 1)
+    size = number_active(plan, work.active[:], q)
     known = plan[SPARSE] == 1 and free > size + 1
     drifts = factor_drifts(plan, q, size, work, drift, count, free)
-    fill_series(q, size, work, y, drift, series, drifts, known)
-    turn_back(at, q, size, work, drift, series, drifts)
+    fill_series(plan, q, size, work, y, drift, series, drifts, known)
+    turn_back(plan, at, q, size, work, drift, series, drifts)
     if size > 0:
         if plan[INTEGRAL] == 1:
             integral_error(codes, work, rows, marks, n, work.xi, plan[HELD])
         report_active(plan, q, work, out, rows, marks, series, free - size - drifts)
     for j in range(q):
-        if plan[SPARSE] == 1 and not work.active[j]:
+        if not is_active(plan, work.active[:], j):
             out.absent[j] = np.inf
             if known and work.length[j] > 0.0:
                 weigh(series[2 + j], series[1], work.lost[j], 0, count)

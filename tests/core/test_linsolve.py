@@ -385,10 +385,6 @@ def test_empty_range_of_a_dot_product():
     assert dot(np.ones(3), np.ones(3), 2, 2) == 0.0
 
 
-def test_pivot_ratio_of_rank_zero_is_infinite():
-    assert pivot_ratio(np.zeros((2, 3)), 0) == np.inf
-
-
 # ---------------------------------------------------------------- textbook numbers
 
 

@@ -1,6 +1,6 @@
 /* Feeds the replay vectors to the estimator and compares every answer with the Python estimator's, bit for bit.  Where
-   the vectors say so it saves its state, loses it and goes on from what it saved, with another word in it if the vectors
-   say so.  Prints how many answers differ; exit status 0 if none does. */
+   the vectors say so it saves its state, flies on with other words in it, as after an upset of memory, and then goes on
+   from what it saved.  Prints how many answers differ; exit status 0 if none does. */
 
 #include "launchid.h"
 #include "vectors.h"
@@ -19,11 +19,14 @@ void LAUNCHID_REPORT(void);
 
 #define NO_NUMBER UINT64_C(0x7FF8000000000000)
 #define END (LAUNCHID_SAVED_BYTES - 4U)
+#define PRIME UINT64_C(0x100000001B3)
 
 static launchid_estimator estimator;
-static uint8_t saved[LAUNCHID_SAVED_BYTES];
+static uint8_t saved[LAUNCHID_SAVED_BYTES], upset[LAUNCHID_SAVED_BYTES];
 static size_t answers;
 static int differences, sample_number;
+static bool is_upset;      /* the answers become one word, */
+static uint64_t folded;    /* this (FNV-1a) */
 
 static void differ(const char *what, unsigned long got, unsigned long got_low, unsigned long wanted, unsigned long low)
 {
@@ -35,6 +38,10 @@ static void differ(const char *what, unsigned long got, unsigned long got_low, u
 /* The next answer.  Halves of a word: not every C library prints 64 bits. */
 static void word(uint64_t of)
 {
+    if (is_upset) {
+        folded = (folded ^ of) * PRIME;
+        return;
+    }
     if (answers >= VECTOR_ANSWERS) {
         differ(" is one too many", 0UL, 0UL, 0UL, 0UL);
     } else if (of != vector_answer[answers]) {
@@ -155,11 +162,11 @@ static void put_end(void)
 }
 
 /* CRC-32 of what is saved, bit by bit. */
-static uint32_t checksum(void)
+static uint32_t checksum(const uint8_t of[])
 {
     uint32_t crc = UINT32_MAX;
     for (size_t k = 0; k < END; k++) {
-        crc ^= saved[k];
+        crc ^= of[k];
         for (int bit = 0; bit < 8; bit++) {
             crc = (crc & 1U) != 0U ? (crc >> 1) ^ UINT32_C(0xEDB88320) : crc >> 1;
         }
@@ -167,30 +174,80 @@ static uint32_t checksum(void)
     return ~crc;
 }
 
-static void put_bytes(size_t at, uint64_t number, size_t n)
+static void put_bytes(uint8_t to[], size_t at, uint64_t number, size_t n)
 {
     for (size_t k = 0; k < n; k++) {
-        saved[at + k] = (uint8_t)(number >> (8 * k));
+        to[at + k] = (uint8_t)(number >> (8 * k));
     }
 }
 
-static uint32_t saved_checksum(void)
+static uint32_t saved_checksum(const uint8_t of[])
 {
-    const uint8_t *const b = &saved[END];
+    const uint8_t *const b = &of[END];
     return (uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16 | (uint32_t)b[3] << 24;
 }
 
-/* The state is saved, lost and restored, with a word from this byte on if it is none of the first. */
-static void restart(uint64_t at, uint64_t number)
+static launchid_sample sample_of(const double v[7])
 {
+    return (launchid_sample){v[0], v[1], v[2], v[3], v[4], v[5], v[6]};
+}
+
+static void answer(launchid_status status)
+{
+    count(status);
+    if (status == LAUNCHID_WINDOW_COMPLETE) {
+        put_estimate();
+    }
+}
+
+/* Some samples from a state, and the first of them, in which words are others; the row after the upset's. */
+static int fly_upset(int row)
+{
+    double v[7];
+    bool is_whole = false;
+    memcpy(upset, saved, sizeof saved);
+    memcpy(v, vector_sample[sample_number], sizeof v);
+    for (; !is_whole; row++) {
+        const uint64_t at = vector_upset[row][1];
+        if (at >= LAUNCHID_SAVED_BYTES) {
+            memcpy(&v[at - LAUNCHID_SAVED_BYTES], &vector_upset[row][2], sizeof *v);
+        } else if (at > 0) {
+            put_bytes(upset, (size_t)at, vector_upset[row][2], 8);
+        }
+        is_whole = vector_upset[row][3] > 0;
+    }
+    put_bytes(upset, END, checksum(upset), 4);
+    launchid_reset(&estimator);
+    expect(launchid_restore(&estimator, upset, sizeof upset) == LAUNCHID_RESTORED, "a restored state");
+    is_upset = true;
+    folded = 0;
+    for (uint64_t k = 0; k < vector_upset[row - 1][3]; k++) {
+        if (k > 0) {
+            memcpy(v, vector_sample[(uint64_t)sample_number + k], sizeof v);
+        }
+        const launchid_sample s = sample_of(v);
+        answer(launchid_update(&estimator, &s));
+    }
+    put_end();
+    expect(launchid_save(&estimator, upset), "a saved state");
+    count((int64_t)saved_checksum(upset));
+    is_upset = false;
+    word(folded);
+    return row;
+}
+
+/* All upsets of a sample; then everything is as it was. */
+static int fly_upsets(int first)
+{
+    int row = first;
     expect(launchid_save(&estimator, saved), "a saved state");
-    count((int64_t)saved_checksum());
-    if (at > 0) {
-        put_bytes((size_t)at, number, 8);
-        put_bytes(END, checksum(), 4);
+    count((int64_t)saved_checksum(saved));
+    while (row < VECTOR_UPSETS && vector_upset[row][0] == (uint64_t)sample_number) {
+        row = fly_upset(row);
     }
     launchid_reset(&estimator);
-    expect(launchid_restore(&estimator, saved, sizeof saved) == LAUNCHID_RESTORED, "a restored state");
+    expect(launchid_restore(&estimator, saved, sizeof saved) == LAUNCHID_RESTORED, "the state as it was");
+    return row;
 }
 
 /* What is refused, and leaves the state as it is. */
@@ -203,7 +260,7 @@ static void refuse(const launchid_sample *s)
     saved[END] ^= 1U;
     expect(launchid_restore(&estimator, saved, sizeof saved) == LAUNCHID_SAVED_DAMAGED, "refused: damaged");
     saved[0] ^= 1U;
-    put_bytes(END, checksum(), 4);
+    put_bytes(saved, END, checksum(saved), 4);
     expect(launchid_restore(&estimator, saved, sizeof saved) == LAUNCHID_SAVED_FOREIGN, "refused: foreign");
     estimator.state.busy = LAUNCHID_BUSY_MARK;
     expect(launchid_update(&estimator, s) == LAUNCHID_BUSY, "busy");
@@ -217,23 +274,18 @@ static void refuse(const launchid_sample *s)
 
 int main(void)
 {
-    int restarts = 0;
+    int row = 0;
     launchid_sample s = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
     for (int flight = 0; flight < VECTOR_FLIGHTS; flight++) {
         launchid_reset(&estimator);
         for (; sample_number < vector_end[flight]; sample_number++) {
             double v[7];
             memcpy(v, vector_sample[sample_number], sizeof v);
-            s = (launchid_sample){v[0], v[1], v[2], v[3], v[4], v[5], v[6]};
-            while (restarts < VECTOR_RESTARTS && vector_restart[restarts][0] == (uint64_t)sample_number) {
-                restart(vector_restart[restarts][1], vector_restart[restarts][2]);
-                restarts++;
+            s = sample_of(v);
+            if (row < VECTOR_UPSETS && vector_upset[row][0] == (uint64_t)sample_number) {
+                row = fly_upsets(row);
             }
-            const launchid_status status = LAUNCHID_UPDATE(&estimator, &s);
-            count(status);
-            if (status == LAUNCHID_WINDOW_COMPLETE) {
-                put_estimate();
-            }
+            answer(LAUNCHID_UPDATE(&estimator, &s));
         }
         put_end();
     }

@@ -51,18 +51,17 @@ static inline int64_t counted(bool yes)
     return n;
 }
 
-/* a % b of Python: with the sign of b. */
+/* a % b of Python for b > 0: never negative. */
 static inline int64_t modulo(int64_t a, int64_t b)
 {
     const int64_t rest = a % b;
-    return ((rest != 0) && ((rest < 0) != (b < 0))) ? (rest + b) : rest;
+    return (rest < 0) ? (rest + b) : rest;
 }
 
-/* a divided by b as Python rounds it: towards minus infinity. */
+/* a divided by b > 0 as Python rounds it: towards minus infinity. */
 static inline int64_t quotient(int64_t a, int64_t b)
 {
-    const int64_t towards_zero = a / b;
-    return (((a % b) != 0) && ((a < 0) != (b < 0))) ? (towards_zero - 1) : towards_zero;
+    return ((a % b) < 0) ? ((a / b) - 1) : (a / b);
 }
 
 /* A seal of what is to stay as it is, with another word, turned to the left by its place. */

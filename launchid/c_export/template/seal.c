@@ -2,11 +2,12 @@
 static int64_t fold_numbers(int64_t before, const double *x, int64_t n)
 {
     int64_t seal = before;
-    for (int64_t k = 0; k < n; k++) {
-        if (((uint64_t)k & 63U) == 0U) {
-            seal = mixed(seal);
+    for (int64_t group = 0; group < ((n + 63) / 64); group++) {
+        const int64_t end = min_integer(64 * (group + 1), n);
+        seal = mixed(seal);
+        for (int64_t k = 64 * group; k < end; k++) {
+            seal = seal_double(seal, x[k], k);
         }
-        seal = seal_double(seal, x[k], k);
     }
     return seal;
 }
@@ -14,11 +15,12 @@ static int64_t fold_numbers(int64_t before, const double *x, int64_t n)
 static int64_t fold_counts(int64_t before, const int64_t x[], int64_t n)
 {
     int64_t seal = before;
-    for (int64_t k = 0; k < n; k++) {
-        if (((uint64_t)k & 63U) == 0U) {
-            seal = mixed(seal);
+    for (int64_t group = 0; group < ((n + 63) / 64); group++) {
+        const int64_t end = min_integer(64 * (group + 1), n);
+        seal = mixed(seal);
+        for (int64_t k = 64 * group; k < end; k++) {
+            seal = seal_integer(seal, x[k], k);
         }
-        seal = seal_integer(seal, x[k], k);
     }
     return seal;
 }

@@ -38,7 +38,7 @@ from sim.nominal import load_nominal
 
 NAN = math.nan
 FILES = ("Launchid.cpp", "Launchid.fpp", "Launchid.hpp", "Makefile", "README.md", "launchid_cfs.c", "launchid_sfun.c",
-         "check.c", "example.c", "launchid.c", "launchid.h", "replay.c", "target.c",
+         "check.c", "eva.c", "example.c", "launchid.c", "launchid.h", "replay.c", "target.c",
          "target.ld", "vectors.h")
 
 

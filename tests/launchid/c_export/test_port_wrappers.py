@@ -38,7 +38,7 @@ def build(folder: Path, *words: str) -> list[str]:
 @cache
 def expected() -> list[str]:
     """t_end and a6 of the first flight's windows."""
-    estimates = Estimator(CONFIGS[NAME]).replay(FLIGHTS[0].samples)
+    estimates = Estimator(CONFIGS[NAME]).replay(FLIGHTS[0])
     return [f"{e.t_end.hex()} {e.a6.hex()}" for e in estimates]
 
 
