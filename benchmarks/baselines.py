@@ -20,18 +20,15 @@ import numba
 import numpy as np
 
 from launchid_core import Config, Estimator, Model, Sample, Status
-from launchid_core.algebra.library import LIBRARIES
 
 LOWEST, HIGHEST, SPACING = 0.1, 1.5, 0.04  # Hz: band of the frequency-domain method
 DRIFT = 0.15            # s: a parameter's random walk has the relative std DRIFT/window after one window; see `walk`
-SLOW = 0.0015           # 1/sqrt(s): relative random walk of the slow filter, the slowest in launchid's own tracker
 PRIOR_STD = 0.25        # relative, of the parameters before the first row: the nominals' uncertainty
-RESTART_STD = 2.0       # relative, of the parameters at each restart: of no weight where the bound is below 30 %
 NOZZLE_RATE_STD = 0.5   # rad/s, of beta_dot before the first row
 NO_PRIOR = 1.0e6        # first covariance of recursive least squares over a typical squared parameter
 THRESHOLD = 0.5         # 1/s^2, of the ten-term fits: launchid's own default
 HALF_WIDTH = 0.11       # s at 1 s, growing with the root of the window: half a subdomain of the tuned weak form
-SUBDOMAINS, MANY = 100, 400  # pysindy's default; the tuned weak form's
+MANY = 400              # subdomains of the weak form
 
 kernel = numba.njit(cache=True, error_model="numpy", nogil=True)
 
@@ -104,29 +101,6 @@ def difference_two(log: Log, window: float, model: Model) -> np.ndarray:
     return launchid(log, window, formulation="difference", library="rigid-body")
 
 
-def integral_profile(log: Log, window: float, model: Model) -> np.ndarray:
-    """The integral form with the nominal's profile in its regressors: deviations are constant over a window.
-
-    FAVOUR: launchid's own integral form knows no profile; this row tells what the profile alone brings.
-    """
-    ratio = np.column_stack([np.interp(log.t, model.profile_t, values)
-                             for values in (model.profile_a6, model.profile_k1)])
-    rows = ratio * np.column_stack([log.theta, log.beta])
-    bounds = edges(log, window)
-    out = np.full((len(bounds) - 1, 2), np.nan)
-    for w, (first, end) in enumerate(itertools.pairwise(bounds)):
-        piece = rows[first:end]
-        integrals = np.zeros_like(piece)
-        integrals[1:] = np.cumsum(0.5 * log.period * (piece[1:] + piece[:-1]), axis=0)
-        scale = np.linalg.norm(integrals, axis=0)
-        rate = log.theta_dot[first:end]
-        deviation = np.linalg.lstsq((integrals - integrals.mean(axis=0)) / scale, rate - rate.mean(), rcond=None)[0]
-        centre = log.t[first] + 0.5 * window
-        out[w] = deviation / scale * (np.interp(centre, model.profile_t, model.profile_a6),
-                                      np.interp(centre, model.profile_t, model.profile_k1))
-    return out
-
-
 # --- pysindy ---------------------------------------------------------------------------------------------------------
 
 def _fit(library: Any, threshold: float, rows: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -159,20 +133,6 @@ def _theta_beta() -> Any:
     return pysindy.CustomLibrary(library_functions=[lambda theta, rate, beta: theta, lambda theta, rate, beta: beta])
 
 
-def pysindy_ten(log: Log, window: float, model: Model) -> np.ndarray:
-    """pysindy, ten quadratic terms, default finite differences (second order).  de Silva et al., JOSS 5, 2020."""
-    import pysindy
-
-    names = LIBRARIES["quadratic"]
-    return _pysindy(log, window, lambda grid: pysindy.PolynomialLibrary(degree=2), THRESHOLD,
-                    (names.index("theta"), names.index("beta")))
-
-
-def pysindy_two(log: Log, window: float, model: Model) -> np.ndarray:
-    """pysindy, theta and beta, default finite differences: least squares, no threshold."""
-    return _pysindy(log, window, lambda grid: _theta_beta(), 0.0, (0, 1))
-
-
 @functools.lru_cache(maxsize=32)
 def _weak_library(rows: int, period: float, half_width: float | None, subdomains: int) -> Any:
     """pysindy's weak library on a window's time grid; its random subdomains are always the same."""
@@ -188,19 +148,12 @@ def _weak_library(rows: int, period: float, half_width: float | None, subdomains
     return library
 
 
-def pysindy_weak(log: Log, window: float, model: Model) -> np.ndarray:
-    """pysindy's weak form on theta and beta, all defaults (100 subdomains of a tenth of the window).
+def pysindy_weak_tuned(log: Log, window: float, model: Model) -> np.ndarray:
+    """pysindy's weak form on theta and beta with 400 subdomains of 2 HALF_WIDTH sqrt(window).
 
     Reinbold, Gurevich & Grigoriev, PRE 101, 2020; Messenger & Bortz, Multiscale Model. Simul. 19, 2021.
-    FAVOUR: subdomains and their weights are built once, outside the timing after the first flight.
-    """
-    return _pysindy(log, window, lambda grid: _weak_library(len(grid), log.period, None, SUBDOMAINS), 0.0, (0, 1))
-
-
-def pysindy_weak_tuned(log: Log, window: float, model: Model) -> np.ndarray:
-    """The same with 400 subdomains of 2 HALF_WIDTH sqrt(window).
-
-    FAVOUR: tuned on `constant` and `vega_like`, where half a width of 0.1 s was best at 1 s, and 0.25..0.4 s at 10 s.
+    FAVOUR: subdomains and their weights are built once, outside the timing after the first flight; tuned on `constant`
+    and `vega_like`, where half a width of 0.1 s was best at 1 s, and 0.25..0.4 s at 10 s.
     """
     half_width = HALF_WIDTH * math.sqrt(window)
     return _pysindy(log, window, lambda grid: _weak_library(len(grid), log.period, half_width, MANY), 0.0, (0, 1))
@@ -264,9 +217,13 @@ def _recursive_transform(signal, bounds, turn, out):
                 rotor[f] *= turn[f]
 
 
-def _frequency(log: Log, window: float, ends: bool) -> np.ndarray:
-    """Complex least squares of i omega q = a6 theta + k1 beta per window; with `ends` the window's end values of q,
-    q(T) exp(-i omega T) - q(0), are unknowns too."""
+def frequency(log: Log, window: float, model: Model) -> np.ndarray:
+    """Real-time equation error in the frequency domain, transforms restarted with every window.
+
+    Morelli, AIAA-99-4043: recursive Fourier transform on a band (0.1..1.5 Hz by 0.04 Hz), derivative by i omega.
+    FAVOUR: not in the publication, the window's end values of the rate, q(T) exp(-i omega T) - q(0), are unknowns too;
+    the transient term of Pintelon & Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., chapter 6.
+    """
     omega = 2.0 * math.pi * np.arange(LOWEST, HIGHEST + 1e-9, SPACING)
     bounds = edges(log, window)
     signal = np.column_stack([log.theta, log.beta, log.theta_dot])
@@ -275,35 +232,14 @@ def _frequency(log: Log, window: float, ends: bool) -> np.ndarray:
     transform *= log.period
     out = np.full((len(transform), 2), np.nan)
     for w, (theta, beta, rate) in enumerate(transform):
-        columns = [theta, beta]
-        if ends:
-            last = np.exp(-1j * omega * log.period * (bounds[w + 1] - bounds[w] - 1))
-            columns += [-last, np.ones(len(omega), complex)]
-        matrix = np.column_stack(columns)
+        last = np.exp(-1j * omega * log.period * (bounds[w + 1] - bounds[w] - 1))
+        matrix = np.column_stack([theta, beta, -last, np.ones(len(omega), complex)])
         right = 1j * omega * rate
         real = np.concatenate([matrix.real, matrix.imag])
         scale = np.linalg.norm(real, axis=0)
         scale[scale == 0.0] = 1.0
         out[w] = np.linalg.lstsq(real / scale, np.concatenate([right.real, right.imag]), rcond=None)[0][:2] / scale[:2]
     return out
-
-
-def frequency(log: Log, window: float, model: Model) -> np.ndarray:
-    """Real-time equation error in the frequency domain as published, transforms restarted with every window.
-
-    Morelli, AIAA-99-4043: recursive Fourier transform on a band (0.1..1.5 Hz by 0.04 Hz), derivative by i omega.
-    Limitation: the derivative's transform lacks the values at the window's ends, harmless from trim to trim only.
-    """
-    return _frequency(log, window, ends=False)
-
-
-def frequency_ends(log: Log, window: float, model: Model) -> np.ndarray:
-    """The same with the rate's two end values as unknowns.
-
-    FAVOUR: not in the publication; the transient term of Pintelon & Schoukens, System Identification: A Frequency
-    Domain Approach, 2nd ed., chapter 6.
-    """
-    return _frequency(log, window, ends=True)
 
 
 # --- parameters as states --------------------------------------------------------------------------------------------
@@ -348,52 +284,6 @@ def _congruence(f, p, work):
             p[i, j] = value
 
 
-@kernel
-def _linear_filter(theta, rate, beta, h, x, p, r, q, read, out):
-    """Kalman filter over (theta_dot, a6, k1): theta and beta are regressors, theta_dot is measured.
-
-    x (3,), p (3, 3) inout;  r measurement variance;  q (3,) process variances per row
-    """
-    f, work, w = np.eye(3), np.zeros((3, 3)), 0
-    for i in range(theta.shape[0]):
-        _scalar_update(x, p, 0, rate[i], r)
-        while w < read.shape[0] and read[w] == i:
-            out[w, 0], out[w, 1] = x[1], x[2]
-            w += 1
-        if i + 1 < theta.shape[0]:
-            f[0, 1] = 0.5 * h * (theta[i] + theta[i + 1])
-            f[0, 2] = 0.5 * h * (beta[i] + beta[i + 1])
-            x[0] += f[0, 1] * x[1] + f[0, 2] * x[2]
-            _congruence(f, p, work)
-            for j in range(3):
-                p[j, j] += q[j]
-
-
-def linear_kalman(log: Log, window: float, model: Model) -> np.ndarray:
-    """Linear Kalman filter with the parameters as random-walk states, theta and beta as measured regressors.
-
-    The idea of the Sindy Kalman filter (Pillonetto, Yazdani & Aravkin, arXiv 2511.11178), its library reduced to the
-    active terms, plus the rate itself as a state so that its noise is filtered and not differenced.  Noises from the
-    nominal; the regressors' noise counts as process noise.  Read at each window's end.
-    """
-    h, noise = log.period, model.variances(log.period)
-    a6, k1 = _typical(model)
-    acceleration = noise[4] + a6**2 * noise[0] + k1**2 * noise[2]
-    step = walk(h, window)
-    x = np.array([log.theta_dot[0], model.profile_a6[0], model.profile_k1[0]])
-    p = np.diag([noise[1], (PRIOR_STD * a6) ** 2, (PRIOR_STD * k1) ** 2])
-    read = edges(log, window)[1:] - 1
-    out = np.full((len(read), 2), np.nan)
-    _linear_filter(log.theta, log.theta_dot, log.beta, h, x, p, noise[1],
-                   np.array([h**2 * acceleration, step * a6**2, step * k1**2]), read, out)
-    return out
-
-
-def _typical(model: Model) -> tuple[float, float]:
-    """Mean size of the nominal's a6 and k1 over the flight."""
-    return float(np.mean(np.abs(model.profile_a6))), float(np.mean(np.abs(model.profile_k1)))
-
-
 def _nozzle(model: Model, h: float) -> np.ndarray:
     """Rows beta, beta_dot after a step h and the integral and double integral of beta over it, as functions of
     (beta, beta_dot, held command): shape (4, 3).  Matrix exponential by its Taylor series."""
@@ -431,21 +321,15 @@ def _predict_extended(x, a6, k1, u, h, nozzle, f, gain):
 
 
 @kernel
-def _extended_filter(z, command, unit, h, nozzle, noise, x, p, step, restart, read, out):
+def _extended_filter(z, command, unit, h, nozzle, noise, x, p, step, read, out):
     """Extended Kalman filter over (theta, theta_dot, beta, beta_dot, a6/unit, k1/unit).
 
     z (n, 3) measurements;  command (n,);  unit (n, 2) of the parameters over the step from each row
     noise (5,) variances;  x (6,), p (6, 6) inout;  step: variance of the walk per row
-    restart (r,), read (w,) int64 rows: parameters forgotten before, read after;  out (w, 2)
+    read (w,) int64 rows: parameters read after;  out (w, 2)
     """
-    f, work, gain, w, r = np.eye(6), np.zeros((6, 6)), np.zeros((4, 2)), 0, 0
+    f, work, gain, w = np.eye(6), np.zeros((6, 6)), np.zeros((4, 2)), 0
     for i in range(z.shape[0]):
-        if r < restart.shape[0] and restart[r] == i:
-            r += 1
-            x[4:] = 1.0
-            p[4:, :] = 0.0
-            p[:, 4:] = 0.0
-            p[4, 4] = p[5, 5] = RESTART_STD * RESTART_STD
         for channel in range(3):
             _scalar_update(x, p, channel, z[i, channel], noise[channel])
         while w < read.shape[0] and read[w] == i:
@@ -464,32 +348,6 @@ def _extended_filter(z, command, unit, h, nozzle, noise, x, p, step, restart, re
         p[5, 5] += step
 
 
-def _extended(log: Log, window: float, model: Model, unit: np.ndarray, step: float,
-              restart: bool = False) -> np.ndarray:
-    """The extended filter with parameters in `unit` (n, 2) [1/s^2], started at the nominal; `step` of their walk."""
-    if model.delay:
-        raise ValueError(f"model.delay={model.delay!r}: this filter knows no delay")
-    h, noise = log.period, model.variances(log.period)
-    z = np.column_stack([log.theta, log.theta_dot, log.beta])
-    x = np.array([*z[0], 0.0, model.profile_a6[0] / unit[0, 0], model.profile_k1[0] / unit[0, 1]])
-    p = np.diag([*noise[:3], NOZZLE_RATE_STD**2, PRIOR_STD**2, PRIOR_STD**2])
-    bounds = edges(log, window)
-    out = np.full((len(bounds) - 1, 2), np.nan)
-    _extended_filter(z, log.beta_cmd, unit, h, _nozzle(model, h), noise, x, p, step,
-                     bounds[:-1] if restart else bounds[:0], bounds[1:] - 1, out)
-    return out
-
-
-def extended_kalman(log: Log, window: float, model: Model) -> np.ndarray:
-    """Extended Kalman filter over state and a6, k1 as random walks, with the actuator's model and the command.
-
-    Jategaonkar, Flight Vehicle System Identification, 2nd ed., chapter 7.  Noises from the nominal; started at the
-    nominal's first a6, k1 +- 25 % of their mean over the flight; walk as in `walk`, relative to that mean.
-    """
-    unit = np.tile(_typical(model), (len(log.t), 1))
-    return _extended(log, window, model, unit, walk(log.period, window))
-
-
 def _profile(log: Log, model: Model) -> np.ndarray:
     """The nominal's a6 and k1 in the middle of the step from each row, shape (n, 2)."""
     middle = log.t + 0.5 * log.period
@@ -498,28 +356,22 @@ def _profile(log: Log, model: Model) -> np.ndarray:
 
 
 def extended_kalman_profile(log: Log, window: float, model: Model) -> np.ndarray:
-    """The same, the random walks being the deviations relative to the nominal's profile: it knows what launchid does.
+    """Extended Kalman filter over state and a6, k1, with the actuator's model and the command.
 
-    FAVOUR: nobody's default; compare with launchid's tracked estimate, which also uses all data since lift-off.
+    Jategaonkar, Flight Vehicle System Identification, 2nd ed., chapter 7.  Noises from the nominal; started there
+    +- 25 %; the parameters are random walks (`walk`) of the deviations from the nominal's profile.
+    FAVOUR: knows the profile, as launchid does; compare with its tracked estimate, which also uses all data so far.
     """
-    return _extended(log, window, model, _profile(log, model), walk(log.period, window))
-
-
-def extended_kalman_slow(log: Log, window: float, model: Model) -> np.ndarray:
-    """The same with a walk of SLOW per sqrt(s) whatever the window.
-
-    FAVOUR: these flights' deviations do not drift at all, so that the slowest walk is the best.
-    """
-    return _extended(log, window, model, _profile(log, model), SLOW**2 * log.period)
-
-
-def extended_kalman_restarted(log: Log, window: float, model: Model) -> np.ndarray:
-    """The same without a walk, its parameters forgotten (nominal +- RESTART_STD) when a window begins.
-
-    The filter's answer to the same question as launchid's filtered form, but the vehicle's state is carried over
-    from the window before, which the bound does not count: a few per cent in short windows.
-    """
-    return _extended(log, window, model, _profile(log, model), 0.0, restart=True)
+    if model.delay:
+        raise ValueError(f"model.delay={model.delay!r}: this filter knows no delay")
+    h, noise, unit = log.period, model.variances(log.period), _profile(log, model)
+    z = np.column_stack([log.theta, log.theta_dot, log.beta])
+    x = np.array([*z[0], 0.0, model.profile_a6[0] / unit[0, 0], model.profile_k1[0] / unit[0, 1]])
+    p = np.diag([*noise[:3], NOZZLE_RATE_STD**2, PRIOR_STD**2, PRIOR_STD**2])
+    read = edges(log, window)[1:] - 1
+    out = np.full((len(read), 2), np.nan)
+    _extended_filter(z, log.beta_cmd, unit, h, _nozzle(model, h), noise, x, p, walk(h, window), read, out)
+    return out
 
 
 class Method(NamedTuple):
@@ -535,20 +387,11 @@ class Method(NamedTuple):
 METHODS = (
     Method("difference, ten terms", difference_ten),
     Method("difference, two terms", difference_two),
-    Method("pysindy, ten terms", pysindy_ten, pysindy=True),
-    Method("pysindy, two terms", pysindy_two, pysindy=True),
-    Method("pysindy weak, default", pysindy_weak, pysindy=True),
     Method("pysindy weak, tuned", pysindy_weak_tuned, pysindy=True),
     Method("integral", integral),
-    Method("integral, profile", integral_profile),
     Method("RLS, forgetting", recursive_least_squares, memory=True),
     Method("frequency domain", frequency),
-    Method("frequency domain, ends", frequency_ends),
-    Method("linear Kalman", linear_kalman, at_end=True, memory=True),
-    Method("extended Kalman", extended_kalman, at_end=True, memory=True),
     Method("extended Kalman, profile", extended_kalman_profile, at_end=True, memory=True),
-    Method("extended Kalman, slow", extended_kalman_slow, at_end=True, memory=True),
-    Method("extended Kalman, restart", extended_kalman_restarted, at_end=True, memory=True),
     Method("launchid filtered", filtered),
     Method("launchid tracked", tracked, at_end=True, memory=True),
 )

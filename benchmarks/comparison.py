@@ -1,6 +1,6 @@
 """launchid's filtered form beside what a user could take instead (`baselines.py`), on the same flights.
 
-    python benchmarks/comparison.py [--flights 40] [--seed 0] [--pysindy-flights 4] [--quick] [--plot bars.png]
+    python benchmarks/comparison.py [--flights 40] [--seed 0] [--pysindy-flights 4] [--quick]
 
 One table per nominal and window.  `flight` suite at 100 Hz with the nominals' sensor noise, true parameters within
 +-25 % of the nominal.  Errors are relative to the truth at the window's centre (of recursive filters: at its end) and
@@ -13,7 +13,6 @@ import importlib.util
 import math
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 from baselines import DRIFT, HALF_WIDTH, MANY, METHODS, Log, Method, walk
@@ -99,16 +98,15 @@ def header(args: argparse.Namespace, pysindy_flights: int) -> None:
           "a time; RLS, frequency domain and Kalman run compiled over the whole log; two processes at a time).")
     print("*: knows data from before the window or a prior, which the window's bound does not count: may lie below 1.  "
           "Kalman, tracked: truth at the window's end.")
-    print("The nominal's profile is known to launchid filtered, tracked and to the rows `integral, profile` and "
-          "`extended Kalman, profile/slow/restart`; all others fit constants or follow a random walk of a6, k1.")
+    print("The nominal's profile is known to launchid filtered, tracked and `extended Kalman, profile`; all others fit "
+          "constants.")
     walks = ", ".join(f"{DRIFT / w:.1%} over {w:g} s (variance {walk(0.01, w):.2g} a row)" for w in WINDOWS)
-    print(f"random walk of the Kalman filters' parameters, relative std: {walks}.  RLS memory: one window.  "
+    print(f"random walk of the Kalman filter's parameters, relative std: {walks}.  RLS memory: one window.  "
           f"weak, tuned: {MANY} subdomains of {2 * HALF_WIDTH:g} s sqrt(window/s).")
 
 
-def show(name: str, window: float, results: list[Result]) -> dict[str, tuple[float, float]]:
-    """One table; returns RMS over bound of a6 and k1 by method."""
-    ratios: dict[str, tuple[float, float]] = {}
+def show(name: str, window: float, results: list[Result]) -> None:
+    """Print one table."""
     reference = np.concatenate([result[window, METHODS[0].name][0] for result in results])
     shares = [np.mean(reference[:, column] < USEFUL) for column in (B_A6, B_K1)]
     print(f"\n{name}, window {window:g} s: {len(reference)} windows, bound below {USEFUL:.0%} in {shares[0]:.0%} (a6), "
@@ -126,39 +124,6 @@ def show(name: str, window: float, results: list[Result]) -> dict[str, tuple[flo
             line += f" | {ratio:12.2f} {100 * median:7.2f}% {bias:+6.2f}"
         share = np.mean(np.isfinite(table[:, E_A6]) & np.isfinite(table[:, E_K1]))
         print(f"{line} | {share:5.0%} {np.median([spent for _, spent in got]):8.2f}", flush=True)
-        ratios[method.name] = (both[0][0], both[1][0])
-    return ratios
-
-
-def plot(path: Path, ratios: dict[tuple[str, float], dict[str, tuple[float, float]]]) -> None:
-    """Grouped bars of RMS over bound: one panel per parameter and nominal, one bar a window."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    names = [method.name for method in METHODS if any(method.name in table for table in ratios.values())]
-    labels = [name + ("*" if any(m.memory for m in METHODS if m.name == name) else "") for name in names]
-    looks = (("0.9", ""), ("0.6", "///"), ("0.2", ""))
-    figure, panels = plt.subplots(2, len(NOMINALS), figsize=(15, 12), sharex=True, sharey=True, layout="constrained")
-    for row, parameter in enumerate(("a6", "k1")):
-        for panel, name in zip(panels[row], NOMINALS, strict=True):
-            for k, (window, (grey, hatch)) in enumerate(zip(WINDOWS, looks, strict=True)):
-                values = [ratios[name, window].get(method, (math.nan, math.nan))[row] for method in names]
-                panel.barh(np.arange(len(names)) + 0.27 * (k - 1), values, 0.25, color=grey, hatch=hatch,
-                           edgecolor="black", linewidth=0.5, label=f"{window:g} s window")
-            panel.axvline(1.0, color="black", linewidth=1.5, linestyle="--", label="Cramér-Rao bound")
-            panel.set(xscale="log", xlim=(0.03, 1.0e5), title=f"{name}, {parameter}")
-            panel.set_yticks(np.arange(len(names)), labels)
-            panel.grid(axis="x", color="0.8", linewidth=0.5)
-            panel.set_axisbelow(True)
-    panels[0][0].invert_yaxis()
-    for panel in panels[1]:
-        panel.set_xlabel("RMS relative error / RMS bound [-]")
-    panels[0][-1].legend(loc="lower right")
-    figure.suptitle("Error over the window's Cramér-Rao bound (* knows more than the window's data)")
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
 
 
 def main() -> int:
@@ -168,7 +133,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("--pysindy-flights", type=int, default=4)
     parser.add_argument("--quick", action="store_true", help="at most 4 flights, 1 for pysindy")
-    parser.add_argument("--plot", type=Path, help="PNG to write")
     args = parser.parse_args()
     if args.quick:
         args.flights, args.pysindy_flights = min(args.flights, 4), min(args.pysindy_flights, 1)
@@ -177,14 +141,11 @@ def main() -> int:
         print("pysindy is not installed: its rows are left out")
         pysindy_flights = 0
     header(args, pysindy_flights)
-    ratios = {}
     for name in NOMINALS:
         seeds = range(args.seed, args.seed + args.flights)
         results = run_jobs(job, [(name, seed, seed - args.seed < pysindy_flights) for seed in seeds])
         for window in WINDOWS:
-            ratios[name, window] = show(name, window, results)
-    if args.plot:
-        plot(args.plot, ratios)
+            show(name, window, results)
     return 0
 
 

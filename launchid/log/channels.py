@@ -232,24 +232,23 @@ def spike_rows(x: np.ndarray, command: np.ndarray) -> np.ndarray:
         size[marked] = 0.0
         highest = np.max(np.lib.stride_tricks.sliding_window_view(np.pad(size, 3), 7), axis=1)
         least = SPIKE * float(np.quantile(size, MOST))
-        new = [k for k in np.flatnonzero((size > least) & (size == highest))
-               if _stands_alone(clean, size, int(k), max(JUMP * quantum, float(asked[k])))]
+        before, after = clean[np.maximum(np.arange(n) - 1, 0)], clean[np.minimum(np.arange(n) + 1, n - 1)]
+        before[0], after[-1] = after[0], before[-1]   # an end has one neighbour
+        away = np.minimum(np.abs(clean - before), np.abs(clean - after))
+        returns = ((clean - before) * (clean - after) > 0.0) & ~(np.abs(after - before) > LEVEL_SHIFT * away)
+        new = [k for k in np.flatnonzero((size > least) & (size == highest) & returns).tolist()
+               if _stands_alone(clean, size, k, float(away[k]), max(JUMP * quantum, float(asked[k])))]
         if not new:
             break
         marked[new] = True
     return np.flatnonzero(marked)
 
 
-def _stands_alone(x: np.ndarray, size: np.ndarray, k: int, least: float) -> bool:
-    """Row k of x (n,) leaves its neighbours and comes back at once, and nothing like it happens beside it; an end has
-    one neighbour.
+def _stands_alone(x: np.ndarray, size: np.ndarray, k: int, away: float, least: float) -> bool:
+    """Whether row k of x (n,), which leaves its neighbours and comes back at once, has nothing like it beside it.
 
-    size (n,)  what the rows beside each leave of it;  least  at which it leaves them
+    size (n,)  what the rows beside each leave of it;  away  how far it leaves them;  least  what it must
     """
-    before, after = x[k - 1 if k else 1], x[k + 1 if k < len(x) - 1 else k - 1]
-    away = min(abs(x[k] - before), abs(x[k] - after))
-    if (x[k] - before) * (x[k] - after) <= 0.0 or abs(after - before) > LEVEL_SHIFT * away:
-        return False
     sides = size[max(0, k - BESIDE):max(0, k - 2)], size[k + 3:k + BESIDE + 1]
     noise = max((float(np.quantile(side, MOST)) for side in sides if len(side) >= FEWEST_BESIDE), default=0.0)
     moves = np.abs(np.concatenate((np.diff(x[max(0, k - NEAR):k]), np.diff(x[k + 1:k + NEAR + 1]))))

@@ -75,9 +75,9 @@ def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = (), own: 
 
 def alike(regressions: Sequence[Modes]) -> list[list[int]]:
     """Return the places of regressions that have the same modes and number of columns, at most BATCH together."""
-    groups = dict[tuple[object, ...], list[int]]()
+    groups = dict[tuple[int, ...], list[int]]()
     for k, m in enumerate(regressions):
-        groups.setdefault((m.noises.tobytes(), m.curl.tobytes(), m.phi.shape[1], m.ends.shape[1]), []).append(k)
+        groups.setdefault((id(m.noises), m.phi.shape[1], m.ends.shape[1]), []).append(k)
     return [group[k:k + BATCH] for group in groups.values() for k in range(0, len(group), BATCH)]
 
 
@@ -334,7 +334,9 @@ def spectrum(fit: Fit, m: Modes, bands: int) -> tuple[np.ndarray, ...]:
     """
     edges = edges_of(len(m.y), bands)
     many = np.diff(edges)
-    table = np.stack([m.frequency, fit.whitened**2, fit.leverage])[:, np.argsort(m.frequency, kind="stable")]
+    table = np.stack([m.frequency, fit.whitened**2, fit.leverage])
+    if np.any(table[0, 1:] < table[0, :-1]):   # of several stretches
+        table = table[:, np.argsort(m.frequency, kind="stable")]
     frequency, squares, leverage = np.add.reduceat(table, edges[:-1], axis=1)
     return frequency / many, squares / many, many, leverage / max(float(np.sum(fit.leverage)), 1e-300)
 

@@ -114,7 +114,7 @@ def with_betas(rows: Rows, m: Modes, terms: tuple[str, ...], betas: list[np.ndar
     values = [np.column_stack([values_of(rows, term, rows.attack, rows.theta_dot, beta) for term in moving])
               for beta in betas]
     ends = [ends_of(rows, moving, each, beta) for each, beta in zip(values, betas, strict=True)]
-    phi, _ = in_modes(rows, np.hstack(values), np.hstack(ends))
+    phi = in_modes(rows, np.hstack(values), np.hstack(ends), with_doubt=False)
     whole = np.repeat(m.phi[:, None, :], len(betas), axis=1)
     whole[:, :, places] = np.reshape(phi, (len(phi), len(betas), len(places)))
     return whole
@@ -185,9 +185,10 @@ def fitted(made: list[tuple[Rows, Modes]]) -> list[Piece]:
     return [Piece(part, m, fit, own) for (part, m), fit, own in zip(made, fits, noises, strict=True)]
 
 
-def likelihood(pieces: list[Piece]) -> float:
-    """Return the logarithm of the likelihood of the terms of pieces, with the noise that is most likely with them."""
-    return float(np.max(np.sum([piece.noise.largest for piece in pieces], axis=0)))
+def likelihood(pieces: list[Rows], terms: tuple[str, ...]) -> float:
+    """Return the logarithm of the likelihood of terms in pieces, with the noise that is most likely with them."""
+    noises = noise_likelihoods([term_modes(rows, terms) for rows in pieces])
+    return float(np.max(np.sum([noise.largest for noise in noises], axis=0)))
 
 
 def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...] = ()) -> Question:
@@ -208,13 +209,13 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
         return Question(rows, terms, [], None, [], reason)
     known = {}
     for term in optional:
-        more = beside(pieces, (*terms, term), 0.0)
+        more = beside(pieces, (*terms, term))
         size, std, _ = pooled(more)
         if abs(size) > std:
             terms, pieces, known[term] = (*terms, term), more, (size, std)
     lacks, lead = lacks_of(rows, terms, pieces)
     wider = (*terms, *(lack.what for lack in lacks if lack.what in LACKING))
-    asked = pieces if wider == terms else beside(pieces, wider, 0.0)
+    asked = pieces if wider == terms else beside(pieces, wider)
     clear = any(lack.is_most for lack in lacks)
     if not clear and placebo(asked, wider, rows, lead):   # of a beta that explains nothing no shift is proved
         strong = [lack for lack in lacks if lack.what not in ("delay", "clock") and lack.after - lack.before > STRONG]
@@ -249,7 +250,7 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
     """
     fast = rows.fast         # where theta runs far beside it, a flight path that is missing comes before all else
     path = FAST_THETA if np.var(rows.theta) > RUNS**2 * np.var(fast) else ""
-    bent, cut = bool(np.ptp(rows.attack) > LARGE), rows.stretch < min(PIECE, 0.9 * (rows.t[-1] - rows.t[0]))
+    bent = bool(np.ptp(rows.attack) > LARGE)
     names = [term for term in LACKING if term not in terms and (term != "sin(theta)" or bent)
              and (term != "gamma" or rows.has_gamma) and (term != "beta_ddot" or rows.has_rate)
              and (term != FAST_THETA or (not (rows.has_gamma or "sin(theta)" in terms)
@@ -263,34 +264,24 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
         if len(found) == MOST_LACKS:
             break
         shifts = [0.0] if lead is None or not lead.is_sure else [0.0, lead.value]
-        plain = max(likelihood(beside(pieces, terms, shift)) for shift in shifts)
+        shifted = {shift: [moved(piece.rows, shift) for piece in pieces]
+                   for shift in (0.0, *([lead.value] if lead else []))}
+        plain = max(likelihood(shifted[shift], terms) for shift in shifts)
         left, total = ahead(rows, terms), sum(square(piece.modes.y * piece.weight) for piece in pieces)
-        asked = dict[str, tuple[float, float, float, bool, list[Piece]]]()
+        asked = dict[str, tuple[float, float, float, bool]]()
         for term in names:
-            if term in terms:
-                continue
-            at = [lead.value] if term == "beta_ddot" and lead else shifts   # a late beta looks like its acceleration
-            wider = max((beside(pieces, (*terms, term), shift) for shift in at), key=likelihood)
-            size, std, share = pooled(wider)
-            without = ahead(rows, (*terms, term))
-            is_most = without < MOST * left and left - without > TOLERANCE**2
-            least_gain = SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total)
-            gain = 2.0 * (likelihood(wider) - plain)
-            is_apart = share < ONE_COLUMN or term in ("1", "gamma")
-            if term == FAST_THETA and "theta" in terms:   # a flight path takes of what theta does slowly, adds nothing
-                slow = [p.fit.xi[terms.index("theta")] for p in wider if not p.fit.is_singular]
-                is_apart &= size * (size + float(np.median(slow or [0.0]))) > 0.0
-            if cut and term == "beta_ddot":   # of which the beginnings of stretches spoil the column
-                is_apart = False
-            if is_most or (is_apart and min(gain, (size / std) ** 2) > least_gain):
-                asked[term] = (gain, size, std, is_most, wider)
+            if term not in terms:
+                at = [lead.value] if term == "beta_ddot" and lead else shifts   # a late beta looks like it
+                least_gain = SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total)
+                there = term_beside(rows, terms, term, [shifted[shift] for shift in at], plain, left, least_gain)
+                asked |= {} if there is None else {term: there}
         if not asked:
             break
         most = {term: each for term, each in asked.items() if each[3]} or asked
         best = max(each[0] for each in most.values())
         term = next(term for term, each in most.items() if each[0] >= SIMPLER * best or term in ("gamma", path))
-        _, size, std, is_most, _ = most[term]
-        before, pieces = explained(pieces, terms), beside(pieces, (*terms, term), 0.0)
+        _, size, std, is_most = most[term]
+        before, pieces = explained(pieces, terms), beside(pieces, (*terms, term))
         terms = (*terms, term)
         if is_most:
             _, _, y, phi = increments(rows, terms, INCREMENT)
@@ -304,10 +295,40 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
     return found, lead
 
 
-def beside(pieces: list[Piece], terms: tuple[str, ...], lead: float) -> list[Piece]:
-    """Return the pieces under other terms, with a beta that acts later [s]."""
-    rows = [replace(piece.rows, beta=later(piece.rows, lead)) if lead else piece.rows for piece in pieces]
-    return fitted([(each, term_modes(each, terms)) for each in rows])
+def term_beside(rows: Rows, terms: tuple[str, ...], term: str, shifted: list[list[Rows]], plain: float, left: float,
+                least_gain: float) -> tuple[float, float, float, bool] | None:
+    """Return (gain of likelihood, coefficient, deviation, whether it halves the error of rows left out) of a further
+    term that is there beside others; None where it is not.
+
+    shifted   the pieces' rows, one list a shift of beta;  plain   the logarithm of the likelihood without the term
+    left      share of rows left out that is not predicted without it;  least_gain   twice the logarithm it must add
+    """
+    wider = (*terms, term)
+    likelihoods = [likelihood(each, wider) for each in shifted]
+    without = ahead(rows, wider) if left > TOLERANCE**2 else left
+    is_most = without < MOST * left and left - without > TOLERANCE**2
+    gain = 2.0 * (max(likelihoods) - plain)
+    if not is_most and not gain > least_gain:
+        return None
+    pieces = fitted([(each, term_modes(each, wider)) for each in shifted[int(np.argmax(likelihoods))]])
+    size, std, share = pooled(pieces)
+    is_apart = share < ONE_COLUMN or term in ("1", "gamma")
+    if term == FAST_THETA and "theta" in terms:   # a flight path takes of what theta does slowly, adds nothing
+        slow = [piece.fit.xi[terms.index("theta")] for piece in pieces if not piece.fit.is_singular]
+        is_apart &= size * (size + float(np.median(slow or [0.0]))) > 0.0
+    if term == "beta_ddot" and rows.stretch < min(PIECE, 0.9 * (rows.t[-1] - rows.t[0])):
+        is_apart = False   # the beginnings of stretches spoil the column
+    return (gain, size, std, is_most) if is_most or (is_apart and min(gain, (size / std) ** 2) > least_gain) else None
+
+
+def beside(pieces: list[Piece], terms: tuple[str, ...]) -> list[Piece]:
+    """Return the pieces under other terms."""
+    return fitted([(piece.rows, term_modes(piece.rows, terms)) for piece in pieces])
+
+
+def moved(rows: Rows, lead: float) -> Rows:
+    """Return rows with a beta that acts later [s]."""
+    return replace(rows, beta=later(rows, lead)) if lead else rows
 
 
 def ahead(rows: Rows, terms: tuple[str, ...]) -> float:

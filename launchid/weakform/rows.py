@@ -244,6 +244,7 @@ def bends(t: np.ndarray, x: np.ndarray) -> np.ndarray:
 class Modes:
     """A regression in the sines of each stretch: y = phi xi + noise, one row a mode.
 
+    noises (3, n)  shapes of the noise: accumulated, of the sensor, wandering; the same array where they are the same
     y (n,) of theta_dot;  phi (n, q) of the terms;  doubt (n, q) what the quadrature of each may be off
     curl (n,)  lambda: of white noise on theta_dot;  step (n,) [s] of the rows that it is of
     frequency (n,) [rad/s]
@@ -262,15 +263,11 @@ class Modes:
     frequency: np.ndarray
     has_rate: bool
     ends: np.ndarray
+    noises: np.ndarray
     sensor: np.ndarray
     motion: np.ndarray
     ahead: np.ndarray
 
-    @cached_property
-    def noises(self) -> np.ndarray:
-        """Shapes (3, n) of the noise: accumulated, of the sensor, wandering."""
-        sensor = self.curl if self.has_rate else self.curl**2
-        return np.stack([np.ones(len(self.curl)), sensor, 1.0 / self.curl]) * (self.step / np.median(self.step))
 
 
 class Frame(NamedTuple):
@@ -281,6 +278,15 @@ class Frame(NamedTuple):
     step: np.ndarray
     frequency: np.ndarray
     ends: np.ndarray
+    noises: np.ndarray
+
+
+@lru_cache(maxsize=64)
+def noises_of(n: int, has_rate: bool) -> tuple[np.ndarray, ...]:
+    """Return of n modes of one stretch the angles (n,), lambda (n,), the shapes (3, n) of the noise."""
+    angle = np.pi * np.arange(1, n + 1) / (n + 1)
+    curl = 2.0 - 2.0 * np.cos(angle)
+    return angle, curl, np.stack([np.ones(n), curl if has_rate else curl**2, 1.0 / curl])
 
 
 def sines(x: np.ndarray) -> np.ndarray:
@@ -308,38 +314,43 @@ def areas(t: np.ndarray, values: np.ndarray, ends: np.ndarray) -> tuple[np.ndarr
 
 def frame_of(rows: Rows) -> Frame:
     """Return theta_dot in the modes of each stretch of rows, or of theta's mean slopes where no rate is measured."""
-    parts, ends = list[tuple[np.ndarray, ...]](), list[np.ndarray]()
+    parts, ends, noises = list[tuple[np.ndarray, ...]](), list[np.ndarray](), list[np.ndarray]()
     for a, b in rows.stretches:
         step = np.diff(rows.t[a:b])
         rise = np.diff(rows.theta_dot[a:b]) if rows.has_rate else np.diff(np.diff(rows.theta[a:b]) / step)
         n, h = len(rise), float(np.mean(step))
-        angle = np.pi * np.arange(1, n + 1) / (n + 1)
-        first = np.sqrt(2.0 / (n + 1)) * np.sin(angle)
-        ends.append(np.column_stack([first, first * (-1.0) ** np.arange(n)]))
-        parts.append((sines(rise[:, None])[:, 0], 2.0 - 2.0 * np.cos(angle), np.full(n, h), angle / h))
+        angle, curl, shapes = noises_of(n, rows.has_rate)
+        noises.append(shapes)
+        parts.append((sines(rise[:, None])[:, 0], curl, np.full(n, h), angle / h))
+        if not rows.has_rate:
+            first = np.sqrt(2.0 / (n + 1)) * np.sin(angle)
+            ends.append(np.column_stack([first, first * (-1.0) ** np.arange(n)]))
+    if len(parts) == 1:
+        y, curl, step, frequency = parts[0]
+        return Frame(y, curl, step, frequency, ends[0] if ends else np.zeros((len(y), 0)), noises[0])
     y, curl, step, frequency = (np.concatenate([np.zeros(0), *each]) for each in zip(*parts, strict=True)) \
         if parts else [np.zeros(0)] * 4
-    apart = np.zeros((len(y), 0 if rows.has_rate else 2 * len(ends)))
+    apart = np.zeros((len(y), 2 * len(ends)))
     at = 0
-    for k, each in enumerate(ends if not rows.has_rate else []):
+    for k, each in enumerate(ends):
         apart[at:at + len(each), 2 * k:2 * k + 2] = each
         at += len(each)
-    return Frame(y, curl, step, frequency, apart)
+    relative = step / np.median(step) if len(step) else step
+    return Frame(y, curl, step, frequency, apart, np.concatenate([np.zeros((3, 0)), *noises], axis=1) * relative)
 
 
-def in_modes(rows: Rows, values: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return terms, given by their values and ends (n, q) at the rows (`areas`), in the modes of each stretch, and what
-    the quadrature of each may be off: (modes, q) each."""
+def in_modes(rows: Rows, values: np.ndarray, ends: np.ndarray, *, with_doubt: bool = True) -> np.ndarray:
+    """Return terms, given by their values and ends (n, q) at the rows (`areas`), in the modes of each stretch, and
+    `with_doubt` behind them what the quadrature of each may be off: (modes, q or 2 q)."""
     q = values.shape[1]
-    parts = [np.zeros((0, 2 * q))]
+    parts = [np.zeros((0, 2 * q if with_doubt else q))]
     for a, b in rows.stretches:
         area, off = areas(rows.t[a:b], values[a:b], ends[a:b])
         if not rows.has_rate:  # of the integrals' means over the rows
             whole = np.vstack([np.zeros(q), np.cumsum(area, axis=0)])
             area, off = np.diff(0.5 * (whole[1:] + whole[:-1]), axis=0), off[1:]
-        parts.append(sines(np.hstack([area, off])))
-    both = np.concatenate(parts)
-    return both[:, :q], both[:, q:]
+        parts.append(sines(np.hstack([area, off]) if with_doubt else area))
+    return parts[-1] if len(parts) == 2 else np.concatenate(parts)
 
 
 def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray) -> np.ndarray:
@@ -376,24 +387,35 @@ def term_modes(rows: Rows, terms: tuple[str, ...]) -> Modes:
     """Return the regression on terms."""
     missing = tuple(dict.fromkeys(term for term in terms if term not in rows.columns))
     if missing:
-        values = table_of(rows, missing, rows.attack, rows.theta_dot)
-        phi, doubt = in_modes(rows, values, ends_of(rows, missing, values, rows.beta))
-        by_theta = (table_of(rows, missing, rows.attack + NUDGE, rows.theta_dot) - values) / NUDGE
-        by_rate = (table_of(rows, missing, rows.attack, rows.theta_dot + NUDGE) - values) / NUDGE if rows.has_rate \
-            else np.zeros_like(values)
+        values, q = table_of(rows, missing, rows.attack, rows.theta_dot), len(missing)
+        both = in_modes(rows, values, ends_of(rows, missing, values, rows.beta))
         for k, term in enumerate(missing):
-            if term.startswith("sign"):
-                by_theta[:, k] = by_rate[:, k] = 0.0
-            if term == FAST_THETA:
-                by_theta[:, k] = 1.0
-            rows.columns[term] = Column(phi[:, k], doubt[:, k], by_theta[:, k], by_rate[:, k])
+            by_theta, by_rate = derivatives(rows, term, values[:, k])
+            rows.columns[term] = Column(both[:, k], both[:, q + k], by_theta, by_rate)
     phi, doubt, by_theta, by_rate = (np.stack(each, axis=1) for each in zip(
         *(rows.columns[term] for term in terms), strict=True))
     sensor = (rows.theta_noise * products(by_theta, by_theta) + rows.rate_noise * products(by_rate, by_rate)
               ) / len(rows.t)
-    y, curl, step, frequency, ends = rows.frame
-    return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, ends, sensor,
+    y, curl, step, frequency, ends, noises = rows.frame
+    return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, ends, noises, sensor,
                  rows.theta_noise * by_theta.mean(axis=0), 0.5 * rows.period * by_rate.mean(axis=0))
+
+
+def derivatives(rows: Rows, term: str, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the derivatives (n,) of a term, whose value (n,) is given, for theta and for a theta_dot that is measured:
+    difference quotients."""
+    none = np.zeros(len(value))
+    if term == FAST_THETA:
+        return none + 1.0, none
+    if term in ("gamma", "beta_ddot") or term.startswith("sign"):
+        return none, none
+    theta, rate, *_, function, argument = code_of(term)
+    by_theta, by_rate = none, none
+    if theta or (function and argument == 0):
+        by_theta = (values_of(rows, term, rows.attack + NUDGE, rows.theta_dot, rows.beta) - value) / NUDGE
+    if rows.has_rate and (rate or (function and argument == 1)):
+        by_rate = (values_of(rows, term, rows.attack, rows.theta_dot + NUDGE, rows.beta) - value) / NUDGE
+    return by_theta, by_rate
 
 
 def table_of(rows: Rows, terms: tuple[str, ...], attack: np.ndarray, rate: np.ndarray) -> np.ndarray:

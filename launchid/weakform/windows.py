@@ -98,9 +98,11 @@ def held_out(rows: Rows, estimate: Estimate, whiteness: float | None) -> WindowF
     """Return the fit of a window: how well its first two thirds predict its last third."""
     terms = active_terms(estimate)
     part = rows.part(rows.cut(estimate.t_start, estimate.t_end))
-    begin, end, y, phi = increments(part, terms, INCREMENT)
     span = max(1, round(INCREMENT / rows.period))
     split = estimate.t_end - (estimate.t_end - estimate.t_start) / HELD_OUT
+    if np.count_nonzero(part.t >= split) - span < (LEAST_HELD_OUT - 1) * span:
+        return WindowFit(None, whiteness)
+    begin, end, y, phi = increments(part, terms, INCREMENT)
     fitted, judged = end <= split, begin >= split
     if np.count_nonzero(judged) < (LEAST_HELD_OUT - 1) * span or np.count_nonzero(fitted) <= len(terms):
         return WindowFit(None, whiteness)

@@ -3,6 +3,8 @@
 The laws are numpy's; flights are `public_flights`, a6 = 2 and k1 = -6.
 """
 
+import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -12,7 +14,7 @@ import pytest
 import launchid
 from launchid.log.check import checked
 from launchid.log.log import log_of
-from launchid.weakform.fit import gls, least, spectrum, whiteness
+from launchid.weakform.fit import SPAN, gls, gls_of_all, least, noise_likelihoods, spectrum, whiteness
 from launchid.weakform.judge import FAST_THETA, Question, against, question
 from launchid.weakform.rows import Rows, increments, sines, term_modes, usable
 from sim.flight import parameters
@@ -99,6 +101,38 @@ def test_noise_of_the_attitude_does_not_draw_a6_to_zero():
                   rows.gamma, rows.theta_dot, rows.beta, True, False, rows.bounds, (0.3 * noise / 0.04) ** 2, 0.0)
     fit = gls(term_modes(hidden, TERMS))
     assert fit.is_singular or abs(fit.xi[0] + 4.0) < 4.0 * math.sqrt(fit.covariance[0, 0])
+
+
+@pytest.mark.parametrize("has_rate", [True, False])
+def test_regressions_that_are_fitted_together_are_those_that_are_fitted_alone(has_rate):
+    """Whatever lengths and stretches they have, one that is at rest and one whose columns are one among them."""
+    rows = [driven(seconds, 1e-3, 0.01, seed) for seed, seconds in enumerate((2.0, 2.0, 3.0, 2.0, 2.0, 2.0))]
+    rows[3] = dataclasses.replace(rows[3], bounds=np.array([0, 70, 200]))
+    rows[4] = dataclasses.replace(rows[4], theta=0.0 * rows[4].t, theta_dot=0.0 * rows[4].t)
+    rows[5] = dataclasses.replace(rows[5], beta=2.0 * rows[5].theta)
+    regressions = [term_modes(dataclasses.replace(each, has_rate=has_rate), TERMS) for each in rows]
+    together, alone = gls_of_all(regressions), [gls(m) for m in regressions]
+    assert [fit.is_singular for fit in together] == [False, False, False, False, True, True]
+    for one, other in zip(together, alone, strict=True):
+        for name in ("xi", "covariance", "variance", "whitened", "leverage"):
+            assert np.allclose(getattr(one, name), getattr(other, name), rtol=1e-10, atol=0.0, equal_nan=True), name
+
+
+def test_the_likelihood_of_the_noise_is_that_of_the_whole_covariance():
+    """Restricted (Patterson and Thompson 1971), of as many modes as bins: each has its own weight."""
+    m = term_modes(driven(0.8, 1e-3, 0.01, 3), TERMS)
+    order = np.argsort(m.curl)
+    value = np.zeros((len(SPAN), len(SPAN)))
+    for i, j in itertools.product(range(0, len(SPAN), 6), repeat=2):
+        s = 1.0 + 10.0**SPAN[i] * m.curl + 10.0**SPAN[j] / m.curl
+        sums = np.split(np.arange(len(s)), np.unique(np.round(np.geomspace(1.0, len(s), len(s))).astype(int))[:-1])
+        s[order] = np.concatenate([np.full(len(at), s[order][at].mean()) for at in sums])
+        gram = m.phi.T @ (m.phi / s[:, None])
+        e = m.y - m.phi @ np.linalg.solve(gram, m.phi.T @ (m.y / s))
+        n, q = m.phi.shape
+        value[i, j] = -0.5 * ((n - q) * math.log(e @ (e / s)) + np.sum(np.log(s)) + np.linalg.slogdet(gram)[1])
+    told = noise_likelihoods([m])[0].restricted[::6, ::6]
+    assert np.allclose(told - told[0, 0], value[::6, ::6] - value[0, 0], rtol=1e-8, atol=1e-8)
 
 
 def test_whiteness_is_a_p_value_of_white_rests():
