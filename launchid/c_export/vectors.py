@@ -172,6 +172,11 @@ def word(x: float) -> int:
     return NO_NUMBER if math.isnan(x) else struct.unpack("<Q", struct.pack("<d", x))[0]  # type: ignore[no-any-return]
 
 
+def folded(words: Iterable[int]) -> int:
+    """Words as one, by FNV-1a."""
+    return functools.reduce(lambda all_, each: (all_ ^ each) * PRIME % 2**64, words, 0)
+
+
 def of_window(e: Estimate) -> list[Any]:
     """What leaves with a window, in the order of check.c."""
     tracked = e.tracked or (False, *(NAN,) * 5)
@@ -239,7 +244,7 @@ class _Answers:
             here = [upset for upset in there if number == upset.before(self.window)]
             if here:
                 kept = self.estimator.save()
-                self.answer([zlib.crc32(kept[:-4])])
+                self.answer([self.state_of(kept)])
                 for upset in here:
                     self.fly_upset(upset, kept, flight[number:number + upset.flown], begin + number)
                 self.estimator.restore(kept)
@@ -287,8 +292,13 @@ class _Answers:
         self.estimator.restore(bytes(saved))
         self.words = []
         self.take([Sample(*fields), *samples[1:]])
-        self.answer([*of_end(self.estimator), zlib.crc32(self.estimator.save()[:-4])])
-        self.words = [*outer, functools.reduce(lambda folded, each: (folded ^ each) * PRIME % 2**64, self.words, 0)]
+        self.answer([*of_end(self.estimator), self.state_of(self.estimator.save())])
+        self.words = [*outer, folded(self.words)]
+
+    def state_of(self, saved: bytes) -> int:
+        """The words of a saved state as one, every NaN the same: its sign is the machine's."""
+        words = np.frombuffer(saved[self.begin:-4], "<u8")
+        return folded(np.where(words << np.uint64(1) <= np.uint64(0xFFE0000000000000), words, NO_NUMBER).tolist())
 
 
 def header(config: Config, flights: list[Flight]) -> str:
@@ -304,7 +314,8 @@ def header(config: Config, flights: list[Flight]) -> str:
         "#ifndef LAUNCHID_VECTORS_H\n#define LAUNCHID_VECTORS_H\n\n#include <stdint.h>\n",
         f"#define VECTOR_SAMPLES {ends[-1]}\n#define VECTOR_FIRST {ends[0]}     /* samples of the first flight */",
         f"#define VECTOR_FLIGHTS {len(flights)}\n#define VECTOR_UPSETS {len(answers.rows)}",
-        f"#define VECTOR_ANSWERS {len(answers.words)}\n",
+        f"#define VECTOR_ANSWERS {len(answers.words)}",
+        f"#define VECTOR_STATE {answers.begin}      /* byte at which the words of a saved state begin */\n",
         "/* samples until each flight's end */",
         f"static const int vector_end[] = {{{', '.join(map(str, ends))}}};\n",
         "/* before a sample: byte of the saved state (0: none), or behind it field of the sample; the word there;",
