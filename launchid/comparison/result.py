@@ -28,6 +28,7 @@ DECIBEL = 20.0 / math.log(10.0)   # of a relative change
 INTERVAL = 1.96                   # standard deviations: 95 %
 SHOWN = {"fit": ".2f", "noise_fit": ".2f", "rms": ".3g", "largest": ".3g", "tic": ".4f", "bias": ".2f",
          "variance": ".2f", "covariance": ".2f"}
+BEYOND_NOISE = 1.2                # times the error that noise makes, from which a cause is worth looking for
 BIASED = "in closed loop it is drawn towards the controller's inverse, the more the lower the coherence"
 
 
@@ -64,7 +65,7 @@ class Comparison(Answer):
                                                  for key, form in SHOWN.items())
             lines.append(f"{row['channel']:<10}{row['of']:<12}{row['nominal']:<20}{fit:>8}{noise:>8}{rms:>11}"
                          f"{largest:>11}  {UNITS[row['channel']]:<6}" + "".join(f"{share:>7}" for share in shares))
-        return "\n".join([*lines, *self._dispersion_lines(), *self.response_lines()])
+        return "\n".join([*lines, *self._dispersion_lines(), *self.response_lines(), *self._verdict_lines()])
 
     def _rows(self) -> list[dict[str, Any]]:
         """One row for each channel, prediction or flight, and nominal."""
@@ -78,6 +79,20 @@ class Comparison(Answer):
                         rows.append({"channel": channel, "of": of if of == "flown" else f"{of} s ahead",
                                      "nominal": each["nominal"], "noise_fit": None, **found})
         return rows
+
+    def _verdict_lines(self) -> list[str]:
+        """The error of the longest prediction over that which declared noise makes, a line for each nominal."""
+        lines, horizon = [], f"{HORIZONS[-1]:g}"
+        for each in self.report["nominals"]:
+            found = {name: said["ahead"].get(horizon) for name, said in each["channels"].items()}
+            over = {name: (100.0 - one["fit"]) / (100.0 - one["noise_fit"]) for name, one in found.items()
+                    if one is not None and None not in (one["fit"], one["noise_fit"]) and one["noise_fit"] < 100.0}
+            if over:
+                beyond = "; `launchid diagnose` looks for the cause" if max(over.values()) > BEYOND_NOISE else ""
+                lines.append(f"{each['nominal']}, {horizon} s ahead, error over what its declared noise makes (1: no "
+                             f"nominal predicts better): {', '.join(f'{name} {x:.2f}' for name, x in over.items())}"
+                             + beyond)
+        return lines
 
     def _dispersion_lines(self) -> list[str]:
         lines = []
