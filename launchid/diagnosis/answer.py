@@ -51,9 +51,8 @@ def extension(result: Result) -> Nominal | None:
     for each in result.named:
         given = each.values
         parameters = {p.name: p for p in CATALOGUE[each.cause].parameters}
-        for key in ("time",):
-            if key in given:
-                given[key] += shift
+        if "time" in given:
+            given["time"] += shift
         if any(p.default == CENTRE for p in parameters.values()):
             given["middle"] = centre + shift
         for key, p in parameters.items():

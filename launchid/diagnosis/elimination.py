@@ -147,9 +147,10 @@ class Search:
 
     def is_at_an_end(self, fit: Fit, group: Group) -> bool:
         """Whether a shape stands at an end of its range: it is then another's remainder, and none of its kind."""
-        m = self.m
-        return any(not m.low[j] * (1.0 + AT_END) < fit.p[j] < m.high[j] * (1.0 - AT_END)
-                   for j in group.numbers[group.linear:] if m.low[j] > 0.0)
+        m, times = self.m, group.numbers[group.linear:][:group.is_event]   # an event's first is its time
+        return any(not m.t[0] < fit.p[j] < m.t[-2] for j in times) or any(
+            not m.low[j] * (1.0 + AT_END) < fit.p[j] < m.high[j] * (1.0 - AT_END)
+            for j in group.numbers[group.linear:] if m.low[j] > 0.0)
 
     def is_needed(self, group: Group, gain: float, error: float, removable: float) -> bool:
         if gain < self.m.unsure:
@@ -230,9 +231,11 @@ class Search:
             order = sorted(live, key=lambda g: costs[g.name] * (EARLIER if is_rare(g) else 1.0))
             tries = [[g] for g in order[:TRIES]]
             if is_first:      # all at once that cost nothing
-                cheap = [order[:k] for k in range(2, len(order) + 1) if costs[order[k - 1].name] < FREELY and
-                         self.cost(fit, C, order[:k]) < FREELY * k**0.5]
-                tries, is_first = cheap[-1:] + tries, False
+                most = 0
+                while most < len(order) and costs[order[most].name] <= FREELY and \
+                        self.cost(fit, C, order[:most + 1]) <= FREELY * (most + 1)**0.5:
+                    most += 1
+                tries, is_first = [order[:most]] * (most > 1) + tries, False
             for gone in tries:
                 tried = self.without(fit, gone)
                 e = left_out(m, tried)
@@ -278,8 +281,8 @@ class Search:
                 break
             fit, live, e_end = swap
         kept = [k for k in kept if self.is_needed(k.group, k.gain, k.error, removable)
-                and all(abs(fit.p[j] - m.null[j]) > 2.0 * std.get(j, 0.0) for j in k.group.numbers[:1]
-                        if k.group.linear == 1)]
+                and not self.is_at_an_end(fit, k.group) and (k.group.linear > 1 or abs(
+                    fit.p[k.group.numbers[0]] - m.null[k.group.numbers[0]]) > 2.0 * std.get(k.group.numbers[0], 0.0))]
         largest = max((k.gain for k in kept), default=0.0)
         kept = [k for k in kept if not k.group.is_event or k.gain > BESIDE_EVENT * largest]
         gain, error = compare(m, e_nominal, e_end, self.unit)

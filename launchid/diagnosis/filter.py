@@ -29,7 +29,6 @@ SECOND, FIRST = range(2)              # orders of the servo
 CONSTANTS = 20
 U = 6                                 # the command's column in the slopes of a step
 RT, RW, RB, QA, QC, QM, QG = range(7)  # levels: sensors [unit], densities of acceleration and command, sigmas of m, g
-LEVELS = 7
 LOST = 1e7                             # rad or rad/s: a model that ran away is set back to the log
 
 
@@ -205,7 +204,7 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
     """Filter a log; or, `frozen`, follow it with the gains that the last filter left in K.
 
     t (n + 1,) times [s], z (n, 3) theta, theta_dot, beta, NaN where not measured; u (n, sub) commands, each the mean
-    over its step; rows (n, 6): f, c1, c2, k, am, ag over each row; c (CONSTANTS,), levels (LEVELS,), P0 (6,) variances
+    over its step; rows (n, 6): f, c1, c2, k, am, ag over each row; c (CONSTANTS,), levels (7,), P0 (6,) variances
     E (n, 3) innovations, S (n, 3) their variances, NaN where none; K (n, 3, 6) gains; X (n, 6) filtered states;
     A (n, 6) slopes of omega' in theta, omega, b with the innovations' own; C (n, 6, 6) covariances of X, or none: out
     """

@@ -124,7 +124,7 @@ class Model:
                       float(np.std(command)) + 1e-12)
 
     def _levels(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(declared levels, sigma of the logarithm about them (0: not fitted), largest factor) (LEVELS,) each."""
+        """(declared levels, sigma of the logarithm about them (0: not fitted), largest factor) (7,) each."""
         nominal, r = self.track.nominal, self.track.record
         s, a, sim, c, known = nominal.sensors, nominal.actuator, nominal.simulation, self.law, self.known
         self.tick = tick = c.period if c is not None else float(np.median(self.dt))

@@ -25,7 +25,6 @@ from .model import BLOCKS, KINEMATIC, WEATHER, Model, Number, Stopped
 from .scan import NEAR, Found, scan, with_shape
 from .score import compare, covariance, left_out
 
-LIMITS = ("actuator_rate_limit", "actuator_backlash")
 LATE = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)   # s, delays of a servo that are tried
 FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
 CLEARLY = 20.0         # nats by which weather must be better than causes
@@ -233,7 +232,7 @@ def limited(m: Model) -> np.ndarray:
     trimmed = [gauss_newton(m, m.null, (m.index("misalignment"),)).p] if "misalignment" in m.names else []
     least, p = min(((square(m.white(q)), q) for q in (*late, *trimmed)), key=lambda each: each[0])
     best = None
-    for kind in (kind for kind in KINDS if kind.name in LIMITS and kind.when(m)):
+    for kind in (kind for kind in KINDS if kind.cause and kind.place == "actuator" and kind.when(m)):
         for values in kind.starts(m):
             found, table = Found(kind, values, np.ones(1), plain), m.numbers
             left = square(m.white(with_shape(m, m.null, found)))
@@ -338,7 +337,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     loud = m.is_flown and (noises > 1 or (noises == 1 and gain.share > QUIET))
     nearest = tuple(names)
     place_of_misfit = where or misfit or (names[0].where if names else None) or "plant"
-    poor = bool(listed) and bool(against) and (gain.share > LEFT or short or loud)
+    poor = bool(listed) and bool(against) and (gain.share > (LEFT if m.is_flown else 1.0 - LEFT) or short or loud)
     if is_foreign or not names or (odd > ODD * saved and unlisted) or poor:
         return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
     if against:

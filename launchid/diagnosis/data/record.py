@@ -36,7 +36,7 @@ DIRECT = 4.5             # rad a row: the servo that stands for none lags by a t
 SLOWEST_DIRECT = 500.0   # rad/s: but by no more than 3 ms
 DIRECT_DAMPING = 0.7
 JITTER = 0.01            # of a period, rms: less is a uniform log
-JITTER_STEPS = 24        # steps of a jittered row: a stamp is met to a forty-eighth of a period
+JITTER_STEPS = 12        # steps of a jittered row: a stamp is met to a twenty-fourth of a period
 JITTER_TICKS = 4         # commands of one: an input is placed to an eighth of a period
 LONG_STEP = 1.75         # median periods: longer steps are gaps (`stamps.GAP`) and say nothing about the period
 

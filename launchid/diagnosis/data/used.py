@@ -83,8 +83,7 @@ def used(record: Record, t: np.ndarray, most: int = MOST) -> tuple[Record, Used 
     times = round(made.period / float(np.median(np.diff(t))))
     if made is record and times <= 1:
         return record, None
-    return made, Used(made.rows, times, float(made.t[0]) + made.shift,
-                      float(made.t[-1]) + made.shift)
+    return made, Used(made.rows, times, float(made.t[0]) + made.shift, float(made.t[-1]) + made.shift)
 
 
 def thinned(record: Record, every: int) -> Record:
