@@ -151,8 +151,8 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, bootstrap: 
     if reading.track is None:
         if reading.is_bad:
             return Result(reading, nominal, None, None, "bad-data", "data")
-        return Result(reading, nominal, None, None, "consistent", None,
-                      notes=(f"fewer than {FEWEST_ROWS} rows: nothing could be tested, and nothing is claimed",))
+        return Result(reading, nominal, None, None, "unexplained", None,
+                      doubts=(f"fewer than {FEWEST_ROWS} rows can be used: log longer, or more often",))
     m = Model(reading.track, noise)
     m.with_numbers(usual(m), [])
     m.brake = time.monotonic() + nominal.diagnosis.time_limit

@@ -78,6 +78,14 @@ def test_a_mode_is_named_wherever_its_log_begins(begin):
 # ---- short ones
 
 
+def test_of_a_log_of_a_few_rows_nothing_is_claimed():
+    log = cut(flown(""), 0.0, 0.3)
+    assert len(log.t) < FEWEST_ROWS
+    made = diagnose(log, NOMINAL)
+    assert (made.verdict, made.where, made.named) == ("unexplained", None, ())
+    assert "nothing could be tested" in headline(made) and "log longer" in made.doubts[0]
+
+
 def test_a_vehicle_lost_within_a_second_is_not_called_consistent():
     """A trim a hundred times what the nozzle was sized for: the log is short because of it."""
     log = cut(flown("thrust_misalignment:angle=0.16", period=0.02), 0.0, 1.1)
