@@ -86,6 +86,7 @@ class Scanner:
         return best
 
 
+@np.errstate(over="ignore", invalid="ignore")   # of a nominal that diverges: what overflows promises nothing
 def scan(m: Model, fit: Fit) -> list[Found]:
     """Every kind where it promises most, the best first."""
     s = Scanner(m, fit)

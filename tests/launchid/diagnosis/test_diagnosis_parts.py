@@ -7,6 +7,7 @@ import pytest
 from test_diagnosis import WHOLE, log_of
 
 from launchid.diagnosis.adapter import FEWEST_ROWS
+from launchid.diagnosis.answer import headline
 from launchid.diagnosis.controller.check import FILTER, GAIN, NONE, check_controller
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.verdict import diagnose
