@@ -143,10 +143,9 @@ def headline(result: Result) -> str:
         return f"BAD DATA: {len(result.reading.data.faults)} fault(s) in the log; nothing about the vehicle is claimed."
     if result.verdict == "consistent":
         return "CONSISTENT: the log is what the simulation would have given; nothing is wrong that it could show."
-    if result.is_cut_short:
-        return "UNEXPLAINED: cut short by the emergency brake, [diagnosis] time_limit; nothing is concluded."
     if result.model is None:
-        return "UNEXPLAINED: nothing could be tested, and nothing is claimed."
+        why = "cut short by the emergency brake, [diagnosis] time_limit" if result.is_cut_short else "too few rows"
+        return f"UNEXPLAINED: {why}; nothing is concluded."
     if result.verdict == "unexplained":
         return f"UNEXPLAINED: simulation and measurement part at the {result.where}, and no known cause fits."
     places = " and ".join(dict.fromkeys(each.where for each in result.named))

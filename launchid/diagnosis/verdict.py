@@ -149,10 +149,9 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, bootstrap: 
     say("data check")
     reading = read(log, nominal)
     if reading.track is None:
-        if reading.is_bad:
-            return Result(reading, nominal, None, None, "bad-data", "data")
-        return Result(reading, nominal, None, None, "unexplained", None,
-                      doubts=(f"fewer than {FEWEST_ROWS} rows can be used: log longer, or more often",))
+        few = f"fewer than {FEWEST_ROWS} rows can be used: log longer, or more often"
+        return Result(reading, nominal, None, None, "bad-data", "data") if reading.is_bad else Result(
+            reading, nominal, None, None, "unexplained", None, doubts=(few,))
     m = Model(reading.track, noise)
     m.with_numbers(usual(m), [])
     m.brake = time.monotonic() + nominal.diagnosis.time_limit

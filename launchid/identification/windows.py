@@ -334,6 +334,14 @@ def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
+def share_of(change: dict[str, Any]) -> str:
+    """By how much a sudden change is of the value before, in words."""
+    before, after = change["before"], change["after"]
+    if not before or before * after < 0.0:
+        return ""
+    return f", {100.0 * abs(after / before - 1.0):.0f} % {'less' if abs(after) < abs(before) else 'more'}"
+
+
 def table(result: dict[str, Any]) -> str:
     """The windows as a table for a terminal."""
     tracked = any("tracked" in w for w in result["windows"])
@@ -352,7 +360,7 @@ def table(result: dict[str, Any]) -> str:
     for c in result.get("changes", []):
         before, after = (with_std(c[name], c["size_std"]).split(" ")[0] for name in ("before", "after"))
         lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {before} -> {after} "
-                     f"1/s^2 (size {with_std(c['size'], c['size_std'])})")
+                     f"1/s^2 (size {with_std(c['size'], c['size_std'])}{share_of(c)})")
     lines += servo_lines(result.get("actuator", {}))
     lines += [result[words] for words in ("why", "unchecked", "next") if words in result]
     samples = result["samples"]

@@ -84,7 +84,7 @@ def test_of_a_log_of_a_few_rows_nothing_is_claimed():
     assert len(log.t) < FEWEST_ROWS
     made = diagnose(log, NOMINAL)
     assert (made.verdict, made.where, made.named) == ("unexplained", None, ())
-    assert "nothing could be tested" in headline(made) and "log longer" in made.doubts[0]
+    assert "too few rows" in headline(made) and "log longer" in made.doubts[0]
 
 
 def test_a_vehicle_lost_within_a_second_is_not_called_consistent():

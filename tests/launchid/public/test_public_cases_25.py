@@ -106,4 +106,4 @@ def test_a_log_too_short_for_anything_has_a_report_too(columns, tmp_path):
     made = diagnose(few, nominal(tmp_path))
     assert made.verdict == "unexplained" and made.elimination is None
     write_report(made, report(made), tmp_path / "r")
-    assert "nothing could be tested" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+    assert "too few rows" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
