@@ -89,9 +89,9 @@ class Comparison(Answer):
                     if one is not None and None not in (one["fit"], one["noise_fit"]) and one["noise_fit"] < 100.0}
             if over:
                 beyond = "; `launchid diagnose` looks for the cause" if max(over.values()) > BEYOND_NOISE else ""
-                lines.append(f"{each['nominal']}, {horizon} s ahead, error over what its declared noise makes (1: no "
-                             f"nominal predicts better): {', '.join(f'{name} {x:.2f}' for name, x in over.items())}"
-                             + beyond)
+                ratios = ", ".join(f"{name} {x:.2f}" for name, x in over.items())
+                lines.append(f"{each['nominal']}, {horizon} s ahead, error over what its declared noise makes (1: as good "
+                             f"as that allows; less: it declares too much): {ratios}{beyond}")
         return lines
 
     def _dispersion_lines(self) -> list[str]:
