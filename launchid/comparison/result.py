@@ -90,8 +90,8 @@ class Comparison(Answer):
             if over:
                 beyond = "; `launchid diagnose` looks for the cause" if max(over.values()) > BEYOND_NOISE else ""
                 ratios = ", ".join(f"{name} {x:.2f}" for name, x in over.items())
-                lines.append(f"{each['nominal']}, {horizon} s ahead, error over what its declared noise makes (1: as good "
-                             f"as that allows; less: it declares too much): {ratios}{beyond}")
+                lines.append(f"{each['nominal']}, {horizon} s ahead, error over what its declared noise makes (1: as "
+                             f"good as that allows; less: it declares too much): {ratios}{beyond}")
         return lines
 
     def _dispersion_lines(self) -> list[str]:
