@@ -25,7 +25,7 @@ from .kinds import (
     Untranslatable,
     Whole,
 )
-from .scopes import first_assignments, walk
+from .scopes import changed, first_assignments, walk
 
 INDENT = "    "
 ZERO: dict[Kind, str] = {FLOAT: "0.0", INTEGER: "0", TRUTH: "false"}
@@ -123,6 +123,7 @@ class Kernel:
                 self.kinds = Inference(self.unit, self.tree, self.around, self.arguments, self.given)
                 self._drop_unread()
                 self.tree.body = self._alive(self.tree.body)
+                changed(self.tree)
             self.local_arrays = self._local_arrays()
             self.first = first_assignments(self.tree)
             self.c = Expressions(self.unit, self.kinds, self.module, self.local_arrays)

@@ -9,13 +9,15 @@ Block = tuple[int, ...]
 
 
 def walk(tree: ast.AST) -> list[ast.AST]:
-    """The nodes of `ast.walk`, statements in its order; an expression's, which nobody changes, are collected once."""
+    """The nodes of `ast.walk`, statements in its order; those of an expression, which nobody changes, and of a function
+    are collected once: who takes statements out of a function says so by `changed`."""
+    known: list[ast.AST] | None = tree.__dict__.get("nodes")
+    if known is not None:
+        return known
     if isinstance(tree, ast.expr):
-        found = tree.__dict__.get("nodes")
-        if found is None:
-            found = tree.__dict__["nodes"] = list(ast.walk(tree))
-        return found
-    found, waiting = [], deque([tree])
+        known = tree.__dict__["nodes"] = list(ast.walk(tree))
+        return known
+    found, waiting = list[ast.AST](), deque([tree])
     while waiting:
         node = waiting.popleft()
         found.append(node)
@@ -24,7 +26,14 @@ def walk(tree: ast.AST) -> list[ast.AST]:
                 found += walk(child)
             else:
                 waiting.append(child)
+    if isinstance(tree, ast.FunctionDef):
+        tree.__dict__["nodes"] = found
     return found
+
+
+def changed(tree: ast.FunctionDef) -> None:
+    """Forget the nodes of a function whose statements are others now."""
+    tree.__dict__.pop("nodes", None)
 
 
 def _statements(body: list[ast.stmt], block: Block) -> Iterator[tuple[Block, ast.stmt]]:

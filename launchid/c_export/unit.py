@@ -95,9 +95,10 @@ class Unit:
         """Tell each kernel what its calls have in common, until none learns more; roots: what is given from outside."""
         news = self._news(roots)
         while news:
-            changed = {kernel for kernel, facts in news.items() if kernel.learn(facts)}
-            while changed:
-                changed = {kernel for kernel in self.order if kernel.asked & changed and kernel.learn(kernel.given)}
+            while news:
+                kernel = next(each for each in self.order if each in news)  # the called before their callers
+                if kernel.learn(news.pop(kernel)):
+                    news = {each: each.given for each in self.order if kernel in each.asked} | news
             news = self._news(roots)
 
     def _news(self, roots: dict[Key, list[Fact]]) -> dict[Kernel, list[Fact]]:
