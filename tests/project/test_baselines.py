@@ -21,6 +21,7 @@ from sim.flight import Flight, fly_whole, parameters
 from sim.nominal import Nominal, built_in, load_nominal
 
 QUIET = 1.0e-9
+SECONDS = 50.0   # of a flight
 A6_FACTOR, K1_FACTOR = 1.2, 0.85
 TOLERANCE = {  # largest relative error over the windows that move, `constant`, 10 s
     "difference, ten terms": 0.02, "difference, two terms": 0.005, "pysindy weak, tuned": 1e-3, "integral": 0.002,
@@ -30,12 +31,13 @@ PROFILED = {"extended Kalman, profile": 0.005, "launchid filtered": 0.005, "laun
 
 
 def quiet(nominal: Nominal, command_noise: bool) -> Nominal:
-    """The nominal with perfect sensors and no unmodelled acceleration; command noise may stay, as excitation."""
+    """The nominal with perfect sensors and no unmodelled acceleration, for SECONDS; command noise may stay, as
+    excitation."""
     std = nominal.actuator.command_noise_std if command_noise else QUIET
     return dataclasses.replace(
         nominal, actuator=dataclasses.replace(nominal.actuator, command_noise_std=std),
         sensors=dataclasses.replace(nominal.sensors, theta_std=QUIET, theta_dot_std=QUIET, beta_std=QUIET),
-        simulation=dataclasses.replace(nominal.simulation, acceleration_noise_std=QUIET))
+        simulation=dataclasses.replace(nominal.simulation, acceleration_noise_std=QUIET, duration=SECONDS))
 
 
 def method(name: str) -> baselines.Method:
@@ -73,9 +75,9 @@ def test_every_method_is_tested():
                                   for name in TOLERANCE])
 def test_recovers_constant_parameters(name):
     found = errors(name, "constant", 10.0)
-    assert found.shape == (7, 2)
+    assert found.shape == (5, 2)
     known = np.isfinite(found).all(axis=1)
-    assert known.all() or (name == "difference, ten terms" and known.sum() >= 5)  # it refuses what it cannot tell apart
+    assert known.all() or (name == "difference, ten terms" and known.sum() >= 3)  # it refuses what it cannot tell apart
     assert np.abs(found[known]).max() < TOLERANCE[name]
 
 

@@ -183,9 +183,10 @@ FIRST: dict[str, bytes] = {
 
 
 def test_it_begins_whatever_came_before(nominal, rows, quiet):
-    """The rate is that of the sound rows, and the tracked estimate right."""
+    """The rate is that of the sound rows, ten of which come at once, and the tracked estimate right."""
+    pieces = [b"".join(rows[k:k + 10]) for k in range(0, len(rows), 10)]
     for name, first in FIRST.items():
-        follower = followed(nominal, HEADER, first, *rows)
+        follower = followed(nominal, HEADER, first, *pieces)
         assert follower.estimator.config.sample_period == pytest.approx(0.01, rel=1e-6), name
         assert is_right(follower.live.now, quiet), (name, follower.live.now, quiet)
 
