@@ -29,6 +29,10 @@ Progress.LINE = math.inf  # s: no line of progress appears in a file because a m
 # tests of one room use helpers of another's: every folder of tests is importable, whichever file is run alone
 sys.path += sorted({str(path.parent) for path in Path(__file__).parent.rglob("test_*.py")})
 
+# where the environment forbids bytecode, as containers do, each of some hundred processes would compile all of it anew
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # of `pytest &` in a script; commands that are started inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
