@@ -102,7 +102,8 @@ class Inference:
 
     def called(self, call: ast.Call) -> Called:
         """The kernel that a call calls."""
-        kernel = self.unit.kernel(self.outside(call.func), [loosened(self.of(argument)) for argument in call.args])
+        kernel = self.unit.kernel(self.outside(call.func), [loosened(self.of(argument)) for argument in call.args],
+                                  lambda: [self.facts(argument) for argument in call.args])
         self.asked.add(kernel)
         return kernel
 

@@ -7,7 +7,7 @@ struct, handed on by its address) and, as results, plain tuples.  An integer of 
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -181,8 +181,8 @@ class Called(Protocol):
 class Whole(Protocol):
     """The C file being made, as the translation of one kernel sees it (`unit.Unit`)."""
 
-    def kernel(self, dispatcher: Any, kinds: Iterable[Kind]) -> Called:
-        """The translation of another kernel for arguments of these kinds."""
+    def kernel(self, dispatcher: Any, kinds: Iterable[Kind], given: Callable[[], list[Any]] | None = None) -> Called:
+        """The translation of another kernel for arguments of these kinds, of which a call says what is `given`."""
 
     def c(self, kind: Kind) -> str:
         """The C type of a kind."""

@@ -55,7 +55,7 @@ class _Program:
     """One configuration's."""
 
     def __init__(self, config: Config, port: Port, general: bool) -> None:
-        self.config, self.port, self.unit = config, port, Unit()
+        self.config, self.port, self.unit = config, port, Unit(general)
         memory = port.memory
         parts = memory.parts._asdict()
         structs = {name: struct_of(part, constant=name == FIXED) for name, part in parts.items()}
@@ -73,8 +73,8 @@ class _Program:
             rows = memory.apart["rows"]
             key: Key = getattr(port.seal, "py_func", port.seal), (sealed, sealed, Array(FLOAT, 2, constant=True))
             roots[key] = [None, None, rows.shape]
-        for function, kinds in roots:
-            self.unit.kernel(function, kinds)
+        for (function, kinds), given in roots.items():
+            self.unit.kernel(function, kinds, lambda given=given: given)  # type: ignore[misc]
         if not general:
             self.unit.settle(roots)
         self.seal = f"fold_words(&state->{STATE})"

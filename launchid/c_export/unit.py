@@ -25,7 +25,8 @@ Key = tuple[Callable[..., Any], tuple[Kind, ...]]
 class Unit:
     """Kernels are translated when they are asked for, once for each kinds of arguments."""
 
-    def __init__(self) -> None:
+    def __init__(self, is_general: bool = False) -> None:
+        self.is_general = is_general    # kernels know nothing of their callers
         self.kernels: dict[Key, Kernel] = {}
         self.order: list[Kernel] = []
         self.structs: dict[Kind, str] = {}
@@ -36,8 +37,9 @@ class Unit:
         self.reached: set[Kernel] = set()
         self.own = ""       # C that is written by hand
 
-    def kernel(self, dispatcher: Any, kinds: Iterable[Kind]) -> Kernel:
-        """The translation of a kernel for arguments of these kinds."""
+    def kernel(self, dispatcher: Any, kinds: Iterable[Kind], given: Callable[[], list[Fact]] | None = None) -> Kernel:
+        """The translation of a kernel for arguments of these kinds; given: what its first call says of them, which is
+        taken for what all say until `settle` has asked the others."""
         function = getattr(dispatcher, "py_func", dispatcher)
         key = function, tuple(kinds)
         if key not in self.kernels:
@@ -45,6 +47,8 @@ class Unit:
             self.named[function.__name__] = count
             name = function.__name__ if count == 1 else f"{function.__name__}_{count}"
             self.kernels[key] = made = Kernel(self, function, key[1], name)
+            if given is not None and not self.is_general:
+                made.given = given()
             made.translate()
             self.order.append(made)
         return self.kernels[key]
