@@ -4,6 +4,7 @@ import re
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from string import Template
 from types import ModuleType
@@ -73,8 +74,8 @@ class _Program:
             rows = memory.apart["rows"]
             key: Key = getattr(port.seal, "py_func", port.seal), (sealed, sealed, Array(FLOAT, 2, constant=True))
             roots[key] = [None, None, rows.shape]
-        for (function, kinds), given in roots.items():
-            self.unit.kernel(function, kinds, lambda given=given: given)  # type: ignore[misc]
+        for root in roots:
+            self.unit.kernel(*root, partial(roots.__getitem__, root))
         if not general:
             self.unit.settle(roots)
         self.seal = f"fold_words(&state->{STATE})"
