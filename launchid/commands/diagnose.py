@@ -155,7 +155,7 @@ class Diagnosed(Answer):
         extended = self.extension
         report("comparing the log with the simulation")
         try:
-            return compare(self.diagnosis.reading.log, self.diagnosis.nominal,
+            return compare(self.diagnosis.reading.raw, self.diagnosis.nominal,
                            *([] if extended is None else [replace(extended, path="extension.toml")]), flights=0)
         except InputError:
             return None

@@ -8,9 +8,9 @@ import numpy as np
 from sim.errors import InputError
 from sim.nominal import Nominal
 
-from ..log.detect import DataCheck, check
+from ..log.check import examined
+from ..log.detect import DataCheck
 from ..log.log import Log
-from ..log.turns import unwrapped
 from ..sums import combined, least_squares
 from . import filter as ekf
 from .controller.check import ControllerCheck
@@ -59,9 +59,11 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """The checked log: faults, track (None: too few rows left), check of the commands, rows used."""
+    """The checked log (raw: as it was read), faults, track (None: too few rows left), check of the commands, rows
+    used."""
 
     log: Log
+    raw: Log
     data: DataCheck
     track: Track | None
     controller: ControllerCheck | None = None
@@ -71,24 +73,24 @@ class Reading:
 
 def read(log: Log, nominal: Nominal) -> Reading:
     """The log without its faulty rows, with every command that was issued; InputError where it holds no input."""
-    log, turns = unwrapped(log)
-    data = check(log, nominal)
-    told = replace(data, faults=(*turns, *data.faults)) if turns else data
+    seen = examined(log, nominal)
+    log, raw, data = seen.log, seen.raw, seen.data
+    told = replace(data, faults=(*seen.mended, *data.faults)) if seen.mended else data
     if not all(fault.kind in MASKED for fault in data.faults):
-        return Reading(log, told, None, is_bad=True)
+        return Reading(log, raw, told, None, is_bad=True)
     try:
         r = record(log, nominal, sparser(data, log.t, nominal))
     except InputError:
         if not data.is_bad:
             raise
-        return Reading(log, told, None, is_bad=True)
+        return Reading(log, raw, told, None, is_bad=True)
     if data.is_bad and data.usable.sum() < max(FEWEST_ROWS, FEWEST_USABLE * len(log.t)):
-        return Reading(log, told, None, is_bad=True)
+        return Reading(log, raw, told, None, is_bad=True)
     if r.rows < FEWEST_ROWS:
-        return Reading(log, told, None)
+        return Reading(log, raw, told, None)
     r, controller = with_commands(shortened(r), follow)
     r, rows = used(r, log.t[data.usable])
-    return Reading(log, told, track_of(r), controller, rows)
+    return Reading(log, raw, told, track_of(r), controller, rows)
 
 
 def follow(record: Record) -> Seen | None:

@@ -38,17 +38,28 @@ class CheckedLog:
 
     log     what may be used: nothing is measured (NaN) where the check finds a fault of rows, stamps lie on the grid
             that they belong to, whole turns are put back
-    raw     as it was read;  faults  as found;  notes  what was mended, in words
-    data    the masks of the columns
-    bridged  seconds over which single missing cells are missing measurements, not gaps; 0: none is missing
+    raw     as it was read;  faults  as found, for an estimator;  mended  what was put right
+    data    the masks of the columns, and what the columns show by themselves
     """
 
     log: Log
     raw: Log
     faults: tuple[Fault, ...]
-    notes: tuple[str, ...]
+    mended: tuple[Fault, ...]
     data: DataCheck
-    bridged: float = 0.0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was mended, in words."""
+        return tuple(f"{self.raw.path}: {fault.message}" for fault in self.mended)
+
+    @property
+    def bridged(self) -> float:
+        """The time [s] over which single missing cells are missing measurements, not gaps: that of BRIDGED rows; 0 if
+        no row lacks theta or beta, or all do."""
+        log, there = self.log, np.isfinite(self.log.t)
+        missing = there & ~(np.isfinite(log.theta) & np.isfinite(log.beta))
+        return (BRIDGED + 1.5) * log.period if missing.any() and not missing[there].all() else 0.0
 
     @property
     def rates(self) -> dict[str, Rate]:
@@ -86,20 +97,35 @@ def checked(log: Log, nominal: Nominal | None = None, *, strict: bool = False,
     InputError where the log's clock is none (in another unit than seconds, or of rows that are out of order), if
     `strict` and anything was found, or if a column is of another quantity than its name says and that is refused.
     """
-    mended, notes = _on_grid(log)
-    mended, turns = unwrapped(mended)
-    data = _examined(mended, nominal)
-    found = data.faults if foreign(data.faults) else (
-        *data.faults, *plant_faults(mended, nominal or _unknown(log.period), data.masks), *rate_faults(mended, data))
-    with np.errstate(invalid="ignore"):
-        rejected = ~data.usable | np.any([np.abs(getattr(mended, name)) > ABSURD for name in VALUES], axis=0)
-    columns: dict[str, Any] = {name: _measured(mended, name, data, rejected) for name in VALUES if name in log.columns}
-    used = replace(mended, **columns)
-    made = CheckedLog(used, log, found, tuple(f"{log.path}: {note}" for note in (
-        *notes, *(turn.message for turn in turns))), data, _bridged(used))
+    made = examined(log, nominal or _unknown(log.period))
+    for fault in clock_faults(made.data):
+        raise InputError(f"{log.path}: column t: {fault.message.removeprefix('t ')}")
     if made.line and (strict or (refuse_columns and made.foreign)):
         raise InputError(made.line[0])
     return made
+
+
+def examined(log: Log, nominal: Nominal) -> CheckedLog:
+    """Check a log of any content for who judges it whatever is found (a diagnosis); others call `checked`."""
+    mended, grid = _on_grid(log)
+    mended, turns = unwrapped(mended)
+    data = check(mended, nominal)
+    found = data.faults if foreign(data.faults) or clock_faults(data) else (
+        *data.faults, *plant_faults(mended, nominal, data.masks), *rate_faults(mended, data))
+    return CheckedLog(measured(mended, data), log, found, (*grid, *turns), data)
+
+
+def clock_faults(data: DataCheck) -> list[Fault]:
+    """The faults of t without which there is no period."""
+    return [fault for fault in data.faults if fault.channel == "t" and fault.kind in CLOCK_FAULTS]
+
+
+def measured(log: Log, data: DataCheck) -> Log:
+    """The log with nothing measured (NaN) where the check finds a fault of rows."""
+    with np.errstate(invalid="ignore"):
+        rejected = ~data.usable | np.any([np.abs(getattr(log, name)) > ABSURD for name in VALUES], axis=0)
+    columns: dict[str, Any] = {name: _measured(log, name, data, rejected) for name in VALUES if name in log.columns}
+    return replace(log, **columns)
 
 
 def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
@@ -118,17 +144,8 @@ def _unknown(period: float) -> Nominal:
         period=period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
 
 
-def _examined(log: Log, nominal: Nominal | None) -> DataCheck:
-    """The data check of the columns; InputError where the clock is none."""
-    data = check(log, nominal or _unknown(log.period))
-    for fault in data.faults:
-        if fault.channel == "t" and fault.kind in CLOCK_FAULTS:
-            raise InputError(f"{log.path}: column t: {fault.message.removeprefix('t ')}")
-    return data
-
-
-def _on_grid(log: Log) -> tuple[Log, list[str]]:
-    """The log with stamps that were rounded to a tick on their grid, and what was done in words."""
+def _on_grid(log: Log) -> tuple[Log, list[Fault]]:
+    """The log with stamps that were rounded to a tick on their grid, and what was done."""
     log.check_clock()
     rows = np.flatnonzero(np.isfinite(log.t))
     made = even_grid(log.t[rows]) if len(rows) else None
@@ -137,7 +154,9 @@ def _on_grid(log: Log) -> tuple[Log, list[str]]:
     grid, period, tick = made
     t = log.t.copy()
     t[rows] = grid
-    return replace(log, t=t), [f"stamps are rounded to {tick:.4g} s; rows are {period:.5g} s apart: put on that grid"]
+    return replace(log, t=t), [Fault("stamps", "t", float(grid[0]), float(grid[-1]), 0,
+                                     f"stamps are rounded to {tick:.4g} s; rows are {period:.5g} s apart: put on that "
+                                     "grid")]
 
 
 def _measured(log: Log, name: str, data: DataCheck, rejected: np.ndarray) -> np.ndarray:
@@ -156,13 +175,6 @@ def _measured(log: Log, name: str, data: DataCheck, rejected: np.ndarray) -> np.
         is_same = np.isfinite(x) & (x == np.concatenate([x[:1], x[:-1]]))
         good = rejected | data.sound[name] | (is_same & data.masks["theta"])
     return np.where(good, x, math.nan)
-
-
-def _bridged(log: Log) -> float:
-    """Return the time [s] that BRIDGED missing rows of theta or beta span; 0 if none or all are missing."""
-    there = np.isfinite(log.t)
-    missing = there & ~(np.isfinite(log.theta) & np.isfinite(log.beta))
-    return (BRIDGED + 1.5) * log.period if missing.any() and not missing[there].all() else 0.0
 
 
 def rate_faults(log: Log, data: DataCheck) -> list[Fault]:

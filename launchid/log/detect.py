@@ -51,10 +51,11 @@ class DataCheck:
         return len(self.faults) > 0
 
 
-def check(log: Log, nominal: Nominal) -> DataCheck:
+def check(log: Log, nominal: Nominal | None) -> DataCheck:
     """Judge a log of any content; never raises for what a readable log may hold.
 
-    nominal  for the sample period (unit of time), the actuator's and the controller's equations
+    nominal  for the sample period (unit of time), the actuator's and the controller's equations; None: every channel
+             by itself alone
     """
     usable = stamps.usable_rows(log.t)
     faults = stamps.stamp_faults(log.t, usable)
@@ -64,7 +65,7 @@ def check(log: Log, nominal: Nominal) -> DataCheck:
     faults += single
     if "alpha" in log.columns:
         masks["alpha"] = np.isfinite(log.alpha) & usable
-    if not any(fault.kind == "order" for fault in faults):
+    if nominal is not None and not any(fault.kind == "order" for fault in faults):
         faults += _between(log, nominal, usable, masks)
     sound = {name: mask.copy() for name, mask in masks.items()}
     for name, rate in rates.items():  # last, since between the channels every row counts

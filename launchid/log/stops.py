@@ -18,6 +18,7 @@ from .runs import runs_of
 
 SENSED = ("theta", "theta_dot")
 FEWEST_STOPPED = 5     # rows at a stop
+FEWEST_LEVELS = 20     # different values: a channel of fewer shows its quantum, and rests at any of them
 BESIDE_VALUES = 3      # values next to the last one
 MORE_OFTEN = 4.0       # times as many rows as any of these: at the crest of a quantised sine 2.4
 SELDOM = 0.2           # of the other rows repeat the one before, at most: a reference rests elsewhere too
@@ -37,6 +38,8 @@ def end_stops(x: np.ndarray) -> np.ndarray:
     if not steps.any():
         return stopped
     values, rows = np.unique(x, return_counts=True)
+    if len(values) < FEWEST_LEVELS:
+        return stopped
     repeats, usual = steps == 0.0, float(np.median(steps[steps > 0.0]))
     ends = [value for value, count, beside in ((values[-1], rows[-1], rows[-1 - BESIDE_VALUES:-1]),
                                                (values[0], rows[0], rows[1:1 + BESIDE_VALUES]))

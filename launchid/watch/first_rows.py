@@ -1,12 +1,11 @@
 """The data check of a source's first rows."""
 
-import numpy as np
-
 from sim.errors import InputError
 from sim.nominal import Nominal
 
 from ..log.check import faults
-from ..log.log import Log, log_of
+from ..log.live import rows_of
+from ..log.log import REQUIRED, Log, log_of
 
 CHECKED = 10.0         # s of the log: by then a reversed sign shows, too; the check takes some 15 ms
 MOST_CHECKED = 20_000  # rows
@@ -28,18 +27,13 @@ class FirstRows:
         self._logs.append(log)
         self.count += len(log.t)
 
-    def _together(self) -> Log:
-        """The rows so far as one log; InputError if no row of it can be used."""
-        columns = self._logs[0].columns if self._logs else ("t", "theta", "beta")
-        return log_of({name: np.concatenate([np.empty(0), *(getattr(log, name) for log in self._logs)])
-                       for name in columns}, self._path)
-
     def checked(self, nominal: Nominal, period: float, ended: bool) -> str:
         """Return the data check's finding, once: when rows suffice or no more come.  Else ''."""
         if self._done or (self.count < min(CHECKED / period, MOST_CHECKED) and not ended):
             return ""
         try:
-            words = "; ".join(fault.message for fault in faults(self._together(), nominal))
+            rows = log_of(rows_of(*self._logs).measured() if self._logs else dict.fromkeys(REQUIRED, ()), self._path)
+            words = "; ".join(fault.message for fault in faults(rows, nominal))
         except InputError as error:
             words = str(error)
         self._done, self._logs, self.count = True, [], 0

@@ -1,10 +1,11 @@
 """The estimator of `identify --nominal --tracked`, fed while rows come; what it says goes to `live`."""
 
 import dataclasses
+import itertools
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from ..identification.windows import (
     report,
     tracked_json,
 )
+from ..log.live import LiveCheck
 from ..log.log import Log, log_of
 from ..robustness.level import level_json, ranged_model
 from .first_rows import FirstRows
@@ -34,6 +36,7 @@ LAST_WINDOWS = 4096   # that the report at the end holds: an hour of windows of 
 SPACING = 0.1         # s of the log between points of the tracked estimate, which moves once in a block as long
 FRAME = 0.05          # s of the clock between looks at the newest numbers: 20 a second
 STAMPS = ("t", "out_since")  # of a JSON
+PAUSE = 1.0           # s of the clock without a row, after which those that wait for others are used
 FIGURES = 7           # significant ones that a page is told: beyond any standard deviation
 CURVE = 400           # points of the nominal's profile
 MOST_ROWS = 100_000   # of a window at a rate that rows say: 9 MB
@@ -63,11 +66,12 @@ class Follower:
         self.estimator: Estimator | None = None
         self._is_prepared = False
         self.rows, self.closed, self._until_point = 0, 0, 0
-        self._t, self._shown = math.nan, -math.inf
+        self._t, self._shown, self._came = math.nan, -math.inf, math.inf
         self.estimates: deque[Estimate] = deque(maxlen=LAST_WINDOWS)
         self._notes: list[str] = []
         self._first, self._rate = FirstRows(source), Rate(source)
         self._waiting: deque[Log] = deque(maxlen=MOST_WAITING)  # until the period is known
+        self._live_check = LiveCheck(self._ready.sample_period)
         self._is_known, self._refused = period is not None, ""  # is the period sure; why the last one was not used
         self.live = Live(self._head())
 
@@ -102,13 +106,13 @@ class Follower:
     def take(self, log: Log) -> None:
         """Rows that came."""
         self.prepare()
-        self.rows += len(log.t)
+        self.rows, self._came = self.rows + len(log.t), time.monotonic()
         self._first.add(log)
         for part, period in [(log, None)] if self._is_known else self._rate.parts(log):
             if self.estimator is None:
                 self._waiting.append(part)
             else:
-                self._feed(part)
+                self._feed(self._live_check.add(part))
             if period is not None and not self._is_known:
                 self._try(period)
         if self.estimator is not None:
@@ -121,7 +125,13 @@ class Follower:
                 self._begin(self._rate.of_few())
             except Told as error:
                 raise InputError(self._refused or str(error)) from None
+        self.feed_rest()
         self._check(ended=True)
+
+    def feed_rest(self) -> None:
+        """The rows that wait to be judged by those behind them, which do not come."""
+        if self.estimator is not None:
+            self._feed(self._live_check.rest())
 
     def _try(self, period: float) -> None:
         """Begin, or begin anew, at this period [s] of the last rows, if it can be and is not that of before."""
@@ -142,10 +152,10 @@ class Follower:
         if self._window / period > MOST_ROWS:
             raise InputError(f"{self._source}: column t: its median step is {period:g} s; expected at most {MOST_ROWS} "
                              f"rows in a window of {self._window:g} s, or --period")
-        self.estimator = Estimator(self._config(period))
+        self.estimator, self._live_check = Estimator(self._config(period)), LiveCheck(period)
         self.live.head = self._head()
         while self._waiting:
-            self._feed(self._waiting.popleft())
+            self._feed(self._live_check.add(self._waiting.popleft()))
         if self.estimator.config.missing_commands > 0.0:
             self._note(f"{self._source}: slower than the controller: the commands between its rows are taken as held, "
                        "and the standard deviations are wider for it")
@@ -162,10 +172,11 @@ class Follower:
             self._notes = [*self._notes, text]
             self._say(text)
 
-    def _feed(self, log: Log) -> None:
+    def _feed(self, logs: Iterator[Log]) -> None:
+        """Rows that were checked."""
         assert self.estimator is not None
         update = self.estimator.update
-        for sample in log.samples():
+        for sample in itertools.chain.from_iterable(log.samples() for log in logs):
             status = update(sample)
             if status >= 0:
                 self._t = sample.t
@@ -200,6 +211,8 @@ class Follower:
         malformed, last   rows that could not be read, and what was said of the last one
         """
         clock = time.monotonic()
+        if clock - self._came > PAUSE:
+            self.feed_rest()
         if self.estimator is None and state != "ended":
             state = "waiting"
         if state == self.live.now["state"] and clock - self._shown < FRAME:

@@ -1,11 +1,10 @@
 """The sample period, as the rows that come say it."""
 
-import dataclasses
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
+from ..log.live import part
 from ..log.log import Log, log_of
 
 PERIOD_ROWS = 64  # whose median step is the sample period
@@ -28,18 +27,12 @@ class Rate:
             if len(self._t) == PERIOD_ROWS:
                 steps = np.diff(np.unique(self._t))  # in order: what stands among them backward takes one
                 self._t.clear()
-                yield _cut(log, begin, row + 1), float(np.median(steps)) if len(steps) else None
+                yield part(log, begin, row + 1), float(np.median(steps)) if len(steps) else None
                 begin = row + 1
         if begin < len(log.t):
-            yield _cut(log, begin, len(log.t)), None
+            yield part(log, begin, len(log.t)), None
 
     def of_few(self) -> float:
         """The same of fewer rows, when no more come; InputError if they do not say it."""
         nothing = np.zeros(len(self._t))
         return log_of({"t": self._t, "theta": nothing, "beta": nothing}, self._path).period
-
-
-def _cut(log: Log, begin: int, end: int) -> Log:
-    """The rows begin .. end - 1 of a log."""
-    arrays: dict[str, Any] = {name: x[begin:end] for name, x in vars(log).items() if isinstance(x, np.ndarray)}
-    return dataclasses.replace(log, **arrays)

@@ -62,6 +62,7 @@ def watch(source: Source, nominal: Nominal, *, window: float = WINDOW, period: f
         interrupted = True
         if follower.estimator is None:
             raise
+        follower.feed_rest()
     finally:
         follower.tick("ended", lines.malformed, lines.last)
         server.end()

@@ -40,7 +40,7 @@ def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
     """The log on its grid with its commands; InputError if it holds no input (neither command, nor reference and
     controller, nor nozzle).
 
-    log, nominal  as read;  data  its check: rows and values that may be used
+    log, nominal  the log as checked;  data  its check: rows and values that may be used
     """
     draft, command = on_grid(log, nominal, data)
     if draft.fine == 1 and draft.every <= draft.tick and falls_between(_held(draft, command), command):

@@ -24,7 +24,6 @@ from sim.vehicle.actuator import fastest_pole
 from ...log.channels import MEASURED as CHANNELS
 from ...log.detect import DataCheck
 from ...log.log import Log
-from ...log.stamps import even_grid
 
 THETA, THETA_DOT, BETA = range(3)
 ESCAPED = 1.0e3          # rad beyond where the log has been: a model that diverges so far is not followed further
@@ -142,15 +141,13 @@ def as_seen(servo: Actuator, period: float) -> Actuator:
 def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) -> tuple[Record, np.ndarray]:
     """(The log on its grid, yet without commands; the logged command (n,) [rad], NaN where there is none).
 
-    log, nominal  as read;  data  its check: rows and values that may be used;  between  rows are known to fall between
-    the controller's ticks.  InputError where no grid holds it
+    log   as it was checked;  data  its check: rows and values that may be used;  between  rows are known to fall
+    between the controller's ticks.  InputError where no grid holds it
     """
     usable = data.usable
     if usable.sum() < 2:
         raise InputError(f"{log.path}: fewer than two rows with usable time stamps; expected a log")
     t = log.t[usable]
-    if (even := even_grid(t)) is not None:   # stamps that were rounded
-        t = even[0]
     period = _period(t, nominal)
     place = (t - t[0]) / period
     index = np.round(place).astype(np.int64)

@@ -111,7 +111,7 @@ def worth(result: Result) -> Figure | None:
 
 def as_it_is(result: Result) -> Figure | None:
     """The log's columns, with what the data check doubts, of a log that nothing else is drawn of."""
-    return logs_figure([looked_at(result.reading.log)]) if result.reading.is_bad else None
+    return logs_figure([looked_at(result.reading.raw)]) if result.reading.is_bad else None
 
 
 def drawable(result: Result) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ Flights of `public_flights`, a6 = 2 and k1 = -6, spoilt as loggers spoil them.
 
 import ast
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,14 @@ import pytest
 
 import launchid
 from launchid.commands.identify import Identification, identify
+from launchid.diagnosis.adapter import read
 from launchid.log.check import CheckedLog, checked
-from launchid.log.log import log_of
+from launchid.log.live import LiveCheck, part, rows_of
+from launchid.log.log import Log, flown_columns, flown_log, log_of
+from launchid.watch.follower import Follower
 from sim.errors import InputError
+from sim.flight import fly_whole
+from sim.nominal import Nominal, load_nominal
 
 Columns = dict[str, np.ndarray]
 MOST = 4.0     # standard deviations
@@ -175,18 +181,75 @@ def test_a_gamma_of_another_unit_is_refused_for_that():
     assert not any(w["valid"] for w in made.report["windows"]) and "gamma does not act" in made.report["next"]
 
 
+def imported(path: Path) -> dict[str, set[str]]:
+    """The names that a module imports from each other one, by the last two parts of its name."""
+    found: dict[str, set[str]] = {}
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            found.setdefault(".".join((node.module or "").split(".")[-2:]), set()).update(x.name for x in node.names)
+    return found
+
+
 def test_every_command_takes_the_checked_log():
-    """What reads the rows of a log, beside the rooms that make one, imports the check; nothing else seeks faults."""
-    makers = {"log", "convert", "watch", "diagnosis"}   # a stream and the diagnosis check rows
+    """What reads the rows of a log, beside the rooms that make one, gets them from the check; nothing else seeks
+    faults."""
+    detectors = {f"log.{name}" for name in ("detect", "channels", "stops", "stamps", "relations", "slope", "turns")}
     for path in sorted(ROOT.rglob("*.py")):
-        room = path.relative_to(ROOT).parts[0]
-        names = {alias.name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-                 if isinstance(node, ast.ImportFrom) and (node.module or "").endswith(
-                     ("log.detect", "log.channels", "log.stops", "log.stamps", "log.relations", "log.slope"))
-                 for alias in node.names}
-        assert room in makers or names <= {"ONE_MOTION", "usable_rows", "DataCheck"}, path
-    for name in ("identify", "margins", "uncertainty", "fit_lft"):
-        tree = ast.parse((ROOT / "commands" / f"{name}.py").read_text(encoding="utf-8"))
-        assert "checked" in {alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
-                             for alias in node.names}, name
+        if path.relative_to(ROOT).parts[0] not in ("log", "convert"):
+            names = set().union(*(of for module, of in imported(path).items() if module in detectors))
+            assert names <= {"ONE_MOTION", "usable_rows", "DataCheck", "MEASURED"}, path
+    doors = {"diagnose": "diagnosis/adapter.py", "nominal": "first_nominal/answer.py", "watch": "watch/follower.py",
+             "show": "figures/logs.py"}
+    makers = {"convert", "simulate"}   # of logs
+    for path in sorted((ROOT / "commands").glob("*.py")):
+        read = set().union(*imported(path).values()) & {"read_log", "read_noting", "read_each", "open_source"}
+        if read and path.stem not in makers:
+            names = imported(ROOT / doors.get(path.stem, f"commands/{path.name}"))
+            assert (names.get("log.check", set()) & {"checked", "examined"}) or "LiveCheck" in names.get(
+                "log.live", set()), path
     assert isinstance(checked(log_of(flights.fly(2.0))), CheckedLog)
+
+
+@pytest.fixture(scope="module")
+def spoilt_and_emptied() -> tuple[Nominal, Log, Log]:
+    """A nominal, and its flight with spikes, zeros for missing and a gyro that freezes; the same without these cells
+    (the first of equal values was measured)."""
+    nominal = load_nominal("constant")
+    columns = flown_columns(fly_whole(nominal, 5))
+    spoilt, emptied = ({name: x[:1500].copy() for name, x in columns.items()} for _ in range(2))
+    for row in (200, 450, 700):
+        spoilt["theta_dot"][row], emptied["theta_dot"][row] = 0.6, math.nan
+    for name in ("theta", "theta_dot", "beta"):
+        spoilt[name][900:904], emptied[name][900:904] = 0.0, math.nan
+    spoilt["theta_dot"][1100:1140], emptied["theta_dot"][1101:1140] = spoilt["theta_dot"][1100], math.nan
+    return nominal, log_of(spoilt), log_of(emptied)
+
+
+def test_a_diagnosis_reads_no_row_at_fault(spoilt_and_emptied):
+    nominal, spoilt, emptied = spoilt_and_emptied
+    one, other = (read(log, nominal).track for log in (spoilt, emptied))
+    assert np.array_equal(one.z, other.z, equal_nan=True) and np.array_equal(one.commands, other.commands)
+    assert np.count_nonzero(np.isnan(one.z[:, 1])) == 3 + 4 + 39
+
+
+def test_what_is_watched_has_no_row_at_fault(spoilt_and_emptied):
+    """While rows come, in pieces of any length."""
+    nominal, spoilt, emptied = spoilt_and_emptied
+    reports = []
+    for log, piece in ((spoilt, 1500), (spoilt, 7), (emptied, 7)):
+        follower = Follower("log", nominal, window=5.0, period=0.01)
+        for begin in range(0, 1500, piece):
+            follower.take(part(log, begin, min(begin + piece, 1500)))
+        follower.end()
+        reports.append(follower.report())
+    assert reports[0] == reports[1] == reports[2] and all(w["valid"] for w in reports[0]["windows"])
+
+
+@pytest.mark.parametrize("quantum", [0.0, 2e-3])
+def test_a_sound_flight_passes_the_live_check_as_it_is(quantum):
+    log = part(flown_log(fly_whole(load_nominal("constant"), 0)), 1500, 4000)
+    if quantum:
+        log = replace(log, **{name: quantum * np.round(getattr(log, name) / quantum)
+                              for name in ("theta", "theta_dot", "beta")})
+    live = LiveCheck(log.period)
+    assert rows_of(*live.add(log), *live.rest()).is_same(log)

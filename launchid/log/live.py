@@ -1,0 +1,73 @@
+"""The data check of a log that goes on, by the code that checks a whole one: what can be known of a row from the rows
+before it and the few behind it.
+
+Only afterwards can be known: what a column is of (unit, sign, another device), whose stamps lie on a coarse grid, that
+theta was logged within a turn (the estimator undoes that by itself), that a channel has had a slower rate from its
+first rows on, that a value comes again and again (an end stop) while it has not yet, and that a sensor is still frozen
+after CONTEXT rows.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from .channels import NEAR
+from .check import measured
+from .detect import check
+from .log import Log
+
+CONTEXT = 300      # rows before a row, by which it is judged
+BEHIND = NEAR + 3  # rows behind it: a spike shows by these
+TOGETHER = 0.5     # s of rows that are judged at once: a page is late by as much
+
+
+class LiveCheck:
+    """Rows in by `add`, out a little later with nothing measured where the check finds a fault.
+
+    What comes out depends on the rows alone, not on the pieces they come in, as long as `rest` waits for their end.
+
+    period  [s] of the rows
+    """
+
+    def __init__(self, period: float) -> None:
+        self._block = max(1, round(TOGETHER / period))
+        self._kept: Log | None = None
+        self._judged = 0   # of the kept rows: these are context
+
+    def add(self, log: Log) -> Iterator[Log]:
+        """Return the rows that can be judged now that these have come."""
+        if self._kept is not None and self._kept.columns != log.columns:   # another header: another log
+            yield from self.rest()
+            self._kept, self._judged = None, 0
+        self._kept = log if self._kept is None else rows_of(self._kept, log)
+        while len(self._kept.t) - self._judged >= self._block + BEHIND:
+            yield self._out(self._judged + self._block, BEHIND)
+
+    def rest(self) -> Iterator[Log]:
+        """Return the rows that are left, where none come for a while or no more."""
+        if self._kept is not None and len(self._kept.t) > self._judged:
+            yield self._out(len(self._kept.t), 0)
+
+    def _out(self, end: int, behind: int) -> Log:
+        """Return the rows up to `end`, judged with so many behind them."""
+        assert self._kept is not None
+        seen = part(self._kept, 0, end + behind)
+        out = part(measured(seen, check(seen, None)), self._judged, end)
+        begin = max(0, end - CONTEXT)
+        self._kept, self._judged = part(self._kept, begin, len(self._kept.t)), end - begin
+        return out
+
+
+def part(log: Log, begin: int, end: int) -> Log:
+    """Return the rows begin .. end - 1 of a log."""
+    arrays: dict[str, Any] = {name: x[begin:end] for name, x in vars(log).items() if isinstance(x, np.ndarray)}
+    return dataclasses.replace(log, **arrays)
+
+
+def rows_of(*logs: Log) -> Log:
+    """Return the rows of logs with the same columns, one after the other."""
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(log, name) for log in logs])
+                              for name, x in vars(logs[0]).items() if isinstance(x, np.ndarray)}
+    return dataclasses.replace(logs[0], **arrays)
