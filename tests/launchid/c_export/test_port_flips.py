@@ -66,7 +66,7 @@ def test_a_million_flipped_bits(name, flips, flags, tmp_path):
 @pytest.mark.parametrize("name", ["integral", pytest.param("filtered", marks=pytest.mark.campaign)])
 def test_words_that_are_damaged_together_are_found_or_forgotten(name, tmp_path):
     """A plain exclusive or of words sees neither the same bit in two of them nor two that are exchanged."""
-    found = fates(tmp_path, FLIPPED[name], 500, ("-O1", *SANE), seed=3, kinds=("pair", "near", "swap", "zero"))
+    found = fates(tmp_path, FLIPPED[name], 500, ("-O0", *SANE), seed=3, kinds=("pair", "near", "swap", "zero"))
     assert found["anew"] > 50 and found["forgotten"] > 50
 
 
