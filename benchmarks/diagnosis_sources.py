@@ -32,10 +32,10 @@ from diagnosis_labels import Case  # noqa: E402
 from hidden import OTHER, PLAIN, Weather, draw_spec, fly  # noqa: E402
 from hidden.catalogue import CAUSES  # noqa: E402
 
-from launchid.log.log import MEASURED, Log, flown_log, log_of_values, read_log  # noqa: E402
+from launchid.log.log import MEASURED_LOGS, Log, flown_log, log_of_values, read_log  # noqa: E402
 from sim.effects import from_text  # noqa: E402
 from sim.flight import fly_whole  # noqa: E402
-from sim.nominal import BUILT_IN, STANDS, Nominal, Wind, load_nominal  # noqa: E402
+from sim.nominal import BUILT_IN, STAND_NOMINALS, Nominal, Wind, load_nominal  # noqa: E402
 from sim.nominal.reader import nominal_of as nominal_of_table  # noqa: E402
 from sim.nominal.table import Table  # noqa: E402
 
@@ -143,7 +143,7 @@ def _foreign(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Pat
 
 def _log(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Path, ...]) -> Made:
     """A measured log, and its nominal: built in, of the set, or NAME.toml beside the log."""
-    path = next((folder / f"{name}.csv" for folder in (MEASURED, PUBLIC, *folders)
+    path = next((folder / f"{name}.csv" for folder in (MEASURED_LOGS, PUBLIC, *folders)
                  if (folder / f"{name}.csv").is_file()), None)
     if path is None:
         raise Absent(f"{name}.csv is in none of the folders given (benchmarks/real_fetched.py says where it is from)")
@@ -156,10 +156,10 @@ MAKERS: dict[str, Maker] = {"hidden": _hidden, "simulated": _simulated, "rebuilt
 
 def named_nominal(name: str, nominals: dict[str, Any]) -> Nominal:
     """A nominal that is built in, or a table of the set."""
-    if name in BUILT_IN + STANDS:
+    if name in BUILT_IN + STAND_NOMINALS:
         return load_nominal(name)
     if name not in nominals:
-        raise ValueError(f"nominal {name}: expected one of {', '.join((*BUILT_IN, *STANDS, *nominals))}")
+        raise ValueError(f"nominal {name}: expected one of {', '.join((*BUILT_IN, *STAND_NOMINALS, *nominals))}")
     return nominal_of_table(Table(Path(f"{name}.toml"), copy.deepcopy(nominals[name]) | {"name": name}))
 
 

@@ -43,14 +43,14 @@ from launchid.monte_carlo.campaign import draw_jobs
 from launchid.robustness import reconfigure
 from launchid.robustness.flight_margins import loop_that_flew
 from launchid.robustness.loops import loops, plants_of
-from launchid.robustness.margin_spread import NAMES, margin_table
+from launchid.robustness.margin_spread import MARGIN_NAMES, margin_table
 from launchid.robustness.montecarlo import SCENARIOS, factors
 from sim.effects import effect
 from sim.flight import Factor, Flight, fly_whole, parameters, prepare
 from sim.nominal import Nominal
 from sim.sections import Controller, Section
 from sim.vehicle.actuator import fastest_pole
-from sim.vehicle.record import ROW
+from sim.vehicle.record import LOG_ROW
 from sim.vehicle.step import advance
 
 SPREAD, SERVO_SPREAD, MOST_DELAY = 0.2, 0.3, 0.03
@@ -104,7 +104,7 @@ def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarra
                 continue
             truth = margins_of_vehicle(true, a6, k1)
             rows[of].append([float(interval.low <= x <= interval.high) for x, interval in zip(
-                truth, (getattr(judgement.spread, margin) for margin in NAMES), strict=True)])
+                truth, (getattr(judgement.spread, margin) for margin in MARGIN_NAMES), strict=True)])
             if of == "window" and k < len(bound.a6):
                 rows["ratio"].append([(judgement.known.mean[0] / a6 - 1) / bound.a6[k],
                                       (judgement.known.mean[1] / k1 - 1) / bound.k1[k]])
@@ -118,11 +118,11 @@ def cell(name: str, air: str, window: float, flights: int, first: int) -> None:
     made = [each for each in run_jobs(judged, [(name, air, window, first + k) for k in range(flights)]) if each]
     print(f"{name}, {air}, {window:g} s windows, {len(made)} flights")
     for of in ("window", "tracked"):
-        rows = np.concatenate([each[of].reshape(-1, len(NAMES)) for each in made])
+        rows = np.concatenate([each[of].reshape(-1, len(MARGIN_NAMES)) for each in made])
         covered = rows.mean(axis=0)
         missed = " MISSED" if ((covered < LEAST) | (covered > MOST)).any() else ""
         print(f"  {of:<8} {len(rows):5d}: " + ", ".join(f"{margin} {100 * share:.1f} %" for margin, share in
-                                                         zip(NAMES, covered, strict=True)) + missed)
+                                                         zip(MARGIN_NAMES, covered, strict=True)) + missed)
     servo = np.concatenate([each["servo"] for each in made])
     inside = (np.abs(servo) < 1.96).mean(axis=0)
     print("  servo within 1.96 std: " + ", ".join(f"{100 * share:.0f} %" for share in inside)
@@ -291,7 +291,7 @@ def flown(believed: Nominal, kind: str, name: str, seed: int) -> tuple[dict[str,
         servo, natural_frequency=servo.natural_frequency * frequency, damping_ratio=servo.damping_ratio * damping,
         delay=servo.delay + delay + more))
     vehicle, steps = prepare(before, seed, "flight", None, 1.0, 1.0)
-    state, rows = vehicle.flight[0], np.empty(steps, ROW)
+    state, rows = vehicle.flight[0], np.empty(steps, LOG_ROW)
     first = round(CHANGE_AT / state.step)
     advance(vehicle, first, rows)
     new = after.actuator
@@ -317,7 +317,7 @@ def right(name: str, kind: str, regime: str, seed: int) -> tuple[int, int, float
         middle = 0.5 * (each.t_start + each.t_end)
         vehicle = vehicle_at(middle)
         truth = np.full(4, np.nan) if vehicle is None else margins_of_vehicle(vehicle, *_at(vehicle, middle, 1.0, 1.0))
-        for true, margin in zip(truth, NAMES, strict=True):
+        for true, margin in zip(truth, MARGIN_NAMES, strict=True):
             interval = getattr(each.window.spread, margin)
             x, value, low, high = true, interval.value, interval.low, interval.high
             if margin == "gain_low_db":   # as a factor: of a plant that is hardly unstable dB have no end

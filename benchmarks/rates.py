@@ -31,9 +31,9 @@ def cause(estimator: Estimator) -> str:
     """The part that contradicts the model now; empty: none."""
     state = estimator._parts.state
     check = state.check
-    if check.flag[wh.RAISED] == 0:
+    if check.flag[wh.WHITENESS_RAISED] == 0:
         return ""
-    if check.number[wh.STATISTIC] > wh.CONTRADICTED:
+    if check.number[wh.STATISTIC] > wh.CONTRADICTING_STATISTIC:
         return "blocks"
     if check.flag[wh.IS_RESTLESS] == 1:
         return "changes"

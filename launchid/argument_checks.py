@@ -8,7 +8,8 @@ from typing import Any
 
 from sim.errors import UsageError
 
-WINDOW = 5.0   # s, of every command that is not told another: a few of a loop's own periods, short beside a profile
+# s, of every command that is not told another: a few of a loop's own periods, short beside a profile
+DEFAULT_WINDOW = 5.0
 
 
 def integer(name: str, value: Any, least: int) -> int:

@@ -22,19 +22,19 @@ from sim.vehicle.kernels import kernel
 from .log.log import Log
 from .sums import combined, least_squares, products, square
 
-FORGOTTEN = 1e-5      # of what the controller remembered: less is nothing
-FEWEST = 20           # commands, without which nothing is said
-LATEST = 6            # periods of computing time that are tried
+MEMORY_LEFT = 1e-5    # of what the controller remembered: less is nothing
+MIN_COMMANDS = 20     # commands, without which nothing is said
+MOST_COMPUTING_PERIODS = 6  # periods of computing time that are tried
 OFF_GRID, ON_GRID = 0.25, 0.99  # of a row's distance, by which 0.99 of the stamps lie on the controller's periods
-LONGEST = 100         # times the rows: a log of more periods has a stamp that is none
-SAME = 2e-3           # relative, of a gain; of a period, of a delay: closer is the same
-EXPLAINED = 0.5       # of a misfit: what other gains leave less of is no noise, however small it is
-SECTIONS = 25         # golden, of a period
+MOST_PERIODS_A_ROW = 100  # times the rows: a log of more periods has a stamp that is none
+SAME_GAIN = 2e-3      # relative, of a gain; of a period, of a delay: closer is the same
+MISFIT_LEFT = 0.5     # of a misfit: what other gains leave less of is no noise, however small it is
+MOST_SECTIONS = 25    # golden, of a period
 NEAR_LIMIT = 0.999    # of the deflection limit: beyond it a command tells nothing of gains
 MOST_DECIMALS = 9     # of a column that was rounded
-NOTHING = np.zeros(0)
+NO_COMMANDS = np.zeros(0)
 # constants of `run_controller`: kp, kd [s], derivative time constant [s], period [s], limit [rad], ki, 1 if law `rate`
-KP, KD, TIME_CONSTANT, PERIOD, LIMIT, KI, RATE_LAW = range(7)
+KP, KD, LAW_TIME_CONSTANT, LAW_PERIOD, LIMIT, KI, RATE_LAW = range(7)
 
 
 @kernel
@@ -50,7 +50,7 @@ def run_controller(constants, filters, error, excitation, logged, computed, answ
     answers (ticks,) int64   out    periods since it began, -1 where it has not
     """
     kp, kd = constants[KP], constants[KD]
-    tau, period, limit = constants[TIME_CONSTANT], constants[PERIOD], constants[LIMIT]
+    tau, period, limit = constants[LAW_TIME_CONSTANT], constants[LAW_PERIOD], constants[LIMIT]
     ki, is_rate = constants[KI], constants[RATE_LAW] != 0.0
     memory = ki if is_rate else kd   # what it remembers acts by this gain
     is_told = logged.shape[0] > 0 and filters.shape[0] == 0 and memory != 0.0
@@ -149,19 +149,20 @@ class Replay:
             return True
         found = self.explained(ticks, lags=(0.0,))
         own = constants_of(self.nominal)[_gains_at(self.nominal)]
-        return bool(found.after < EXPLAINED * off and np.any(np.abs(found.gains - own) > SAME * np.abs(own)))
+        return bool(found.after < MISFIT_LEFT * off and np.any(np.abs(found.gains - own) > SAME_GAIN * np.abs(own)))
 
     def explained(self, ticks: np.ndarray, lags: Sequence[float] | None = None) -> Explanation:
         """Return the gains and computing time that explain the commands of these ticks (ticks,) bool best: a command is
         linear in the gains.
 
-        lags [periods] of computing time are tried; None: whole ones up to LATEST, and then parts of one.  What the
+        lags [periods] of computing time are tried; None: whole ones up to MOST_COMPUTING_PERIODS, and then parts of
+        one.  What the
         controller remembered where a stretch of known errors begins (of the law `rate`: of commands below the limit,
         which holds the integral) fades as its own memory does, and is taken off.
         """
         constants, rows = constants_of(self.nominal), np.arange(len(self.error))
         is_rate, gains_at = constants[RATE_LAW] != 0.0, _gains_at(self.nominal)
-        early, before = packed(self.nominal).computing_time / constants[PERIOD], rms(self.misfit[ticks])
+        early, before = packed(self.nominal).computing_time / constants[LAW_PERIOD], rms(self.misfit[ticks])
         known = np.isfinite(self.error)
         error = np.interp(rows, rows[known], self.error[known])
         parts = []
@@ -173,11 +174,12 @@ class Replay:
         unlimited = np.isfinite(self.logged) & (np.abs(self.logged) < NEAR_LIMIT * constants[LIMIT])
         breaks = ~(known & unlimited) if is_rate else ~known
         since = rows - np.maximum.accumulate(np.where(breaks, rows, -1))
-        free = ticks & unlimited & (since > math.ceil(early) + LATEST + 1)
-        if np.count_nonzero(free) < FEWEST:
+        free = ticks & unlimited & (since > math.ceil(early) + MOST_COMPUTING_PERIODS + 1)
+        if np.count_nonzero(free) < MIN_COMMANDS:
             return Explanation(np.full(2, math.nan), np.full(3, math.nan), 0.0, before, before)
         _, first, stretch = np.unique(np.cumsum(breaks)[free], return_index=True, return_inverse=True)
-        fades = 1.0 if is_rate else constants[TIME_CONSTANT] / (constants[TIME_CONSTANT] + constants[PERIOD])
+        fades = 1.0 if is_rate else constants[LAW_TIME_CONSTANT] / (constants[LAW_TIME_CONSTANT]
+                                                                    + constants[LAW_PERIOD])
         memory = np.power(fades, since[free] - since[free][first][stretch])
         memory = memory * (len(sections(self.nominal)) == 0)   # what filters remember is waited for
         size = np.maximum(np.bincount(stretch, memory**2), 1e-300)
@@ -191,21 +193,21 @@ class Replay:
             after = rms(wanted - combined(design, x))
             return after, x, after * np.sqrt(np.maximum(np.diag(np.linalg.pinv(products(design, design))), 0.0))
 
-        lag = min(range(LATEST + 1) if lags is None else lags, key=lambda each: fit(each)[0])
+        lag = min(range(MOST_COMPUTING_PERIODS + 1) if lags is None else lags, key=lambda each: fit(each)[0])
         after, x, std = fit(lag)
         is_between = lags is None and after > self.tolerance
         for low, high in ((lag, lag + 1.0), (max(lag - 1.0, 0.0), lag)) if is_between else ():
-            between = lowest(lambda each: fit(each)[0], low, high, SECTIONS)
-            if fit(between)[0] < EXPLAINED * after:
+            between = lowest(lambda each: fit(each)[0], low, high, MOST_SECTIONS)
+            if fit(between)[0] < MISFIT_LEFT * after:
                 lag, (after, x, std) = between, fit(between)
         moves = np.gradient(x[0] * later(parts[0], early + lag) + x[1] * later(parts[1], early + lag))[free]
-        late = after / max(math.sqrt(square(moves)), 1e-12) * constants[PERIOD]
-        return Explanation(x[:2], np.append(std[:2], late), lag * constants[PERIOD], before, after)
+        late = after / max(math.sqrt(square(moves)), 1e-12) * constants[LAW_PERIOD]
+        return Explanation(x[:2], np.append(std[:2], late), lag * constants[LAW_PERIOD], before, after)
 
     def words(self, found: Explanation) -> str:
         """What would explain the commands, or that nothing does."""
         constants = constants_of(self.nominal)
-        names, late = ("kp", "ki") if constants[RATE_LAW] else ("kp", "kd"), found.delay / constants[PERIOD]
+        names, late = ("kp", "ki") if constants[RATE_LAW] else ("kp", "kd"), found.delay / constants[LAW_PERIOD]
         said = ", ".join(f"{name} {gain:.4g}" for name, gain in zip(names, found.gains, strict=True))
         said += f", {late:.3g} periods of delay" if late else ""
         if found.after < 0.1 * found.before:
@@ -232,12 +234,12 @@ def _gains_at(nominal: Nominal) -> list[int]:
 
 
 def issued(nominal: Nominal, constants: np.ndarray, error: np.ndarray, test: np.ndarray,
-           logged: np.ndarray = NOTHING, is_late: bool = True) -> tuple[np.ndarray, np.ndarray]:
+           logged: np.ndarray = NO_COMMANDS, is_late: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """(commands (ticks,) [rad], periods (ticks,) since the controller began), as of `run_controller`; is_late: issued
     after the computing time of the nominal's effects."""
     computed, answers = np.empty(len(error)), np.empty(len(error), np.int64)
     run_controller(constants, sections(nominal), error, test, logged, computed, answers)
-    return later(computed, packed(nominal).computing_time / constants[PERIOD]) if is_late else computed, answers
+    return later(computed, packed(nominal).computing_time / constants[LAW_PERIOD]) if is_late else computed, answers
 
 
 def _wait(nominal: Nominal) -> int:
@@ -245,15 +247,15 @@ def _wait(nominal: Nominal) -> int:
     c = nominal.controller
     assert c is not None
     poles = [0.0] if c.is_rate_law else [c.derivative_time_constant / (c.derivative_time_constant + c.period)]
-    slowest = max(*poles, *(float(np.max(np.abs(np.roots(section.a)))) for section in c.filters), FORGOTTEN)
-    return math.ceil(math.log(FORGOTTEN) / math.log(slowest)) if slowest < 1.0 else 2**31
+    slowest = max(*poles, *(float(np.max(np.abs(np.roots(section.a)))) for section in c.filters), MEMORY_LEFT)
+    return math.ceil(math.log(MEMORY_LEFT) / math.log(slowest)) if slowest < 1.0 else 2**31
 
 
 def resolution(x: np.ndarray) -> float:
     """The power of ten that the values of a column are multiples of, as rounded ones are; 0 if there is none, or few
     values."""
     x = np.unique(x[np.isfinite(x)])
-    for decimals in range(1, MOST_DECIMALS + 1) if len(x) > FEWEST else ():
+    for decimals in range(1, MOST_DECIMALS + 1) if len(x) > MIN_COMMANDS else ():
         if np.all(np.abs(x * 10.0**decimals - np.rint(x * 10.0**decimals)) < 1e-4):
             return float(10.0**-decimals)
     return 0.0
@@ -276,7 +278,7 @@ def replay(log: Log, nominal: Nominal) -> Replay | str:
     step = own.period / held
     t_first = float(log.t[np.isfinite(log.t)][0])
     at = (log.t - t_first) / step
-    on = (np.abs(at - np.rint(at)) < OFF_GRID) & (at > -OFF_GRID) & (at < LONGEST * len(at))
+    on = (np.abs(at - np.rint(at)) < OFF_GRID) & (at > -OFF_GRID) & (at < MOST_PERIODS_A_ROW * len(at))
     if on.mean() < ON_GRID:
         return f"the log's rows are not at the controller's periods of {own.period:g} s"
     index = np.rint(at[on]).astype(np.int64)
@@ -313,14 +315,14 @@ def replayed(nominal: Nominal, t_first: float, step: float, held: int, logged: n
         known = np.isfinite(rows)
         sent = np.where(known.any(axis=1), rows[np.arange(len(rows)), np.argmax(known, axis=1)], math.nan)
         moved = np.max(np.where(known, np.abs(rows - sent[:, None]), 0.0), axis=1)
-        computed, answers = issued(nominal, constants, error, test, NOTHING if is_waiting else sent)
+        computed, answers = issued(nominal, constants, error, test, NO_COMMANDS if is_waiting else sent)
         off = sent - computed
         free = np.minimum(np.abs(sent), np.abs(computed)) < NEAR_LIMIT * constants[LIMIT]
         off = np.where((answers >= wait) & free, np.where(moved > np.abs(off), moved, off), math.nan)
         t = first + own.period * np.arange(len(error))
         return Replay(nominal, t, error, test, sent, computed, off, tolerance)
 
-    tried = [each for each in map(begun, range(held)) if np.count_nonzero(np.isfinite(each.misfit)) >= FEWEST]
+    tried = [each for each in map(begun, range(held)) if np.count_nonzero(np.isfinite(each.misfit)) >= MIN_COMMANDS]
     if not tried:
         return "too few commands follow: of gaps, or of filters that remember longer than the log"
     return min(tried, key=lambda each: rms(each.misfit[np.isfinite(each.misfit)]))

@@ -17,9 +17,9 @@ LARGEST_STD = 1.0e6
 JUST_BEFORE = 1.0e-6   # s: a jump of the profile takes as long
 GUST_NODES = 65        # of a one-minus-cosine as straight lines: within 6e-4 of its height
 MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth")
-KNOWN = {"actuator_gain": "scale", "actuator_bias": "angle", "attitude_bias": "angle", "gyro_bias": "rate",
-         "gyro_scale": "scale", "nozzle_sensor_bias": "angle", "thrust_misalignment": "angle",
-         "aero_damping": "coefficient"}  # constants, exact
+OFFSET_KINDS = {"actuator_gain": "scale", "actuator_bias": "angle", "attitude_bias": "angle", "gyro_bias": "rate",
+                "gyro_scale": "scale", "nozzle_sensor_bias": "angle", "thrust_misalignment": "angle",
+                "aero_damping": "coefficient"}  # constants, exact
 KNOWN_IN_TIME = ("steady_wind", "gust", "control_loss")
 
 
@@ -43,7 +43,7 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
     if nominal.terms:
         raise InputError(f"{nominal.path}: [vehicle.terms]: the filtered formulation models theta and beta alone; "
                          "expected a6 and k1 or a profile")
-    understood = (*MODELLED, *KNOWN, *KNOWN_IN_TIME)
+    understood = (*MODELLED, *OFFSET_KINDS, *KNOWN_IN_TIME)
     for effect in nominal.effects:
         if effect.name not in understood:
             raise InputError(f"{nominal.path}: effect {effect.name!r}: the filtered formulation has no model of it "
@@ -92,9 +92,9 @@ def _known(nominal: Nominal) -> dict[str, Any]:
     added = {"attitude_bias": "known_theta", "nozzle_sensor_bias": "known_beta", "thrust_misalignment": "known_lean",
              "aero_damping": "known_damping"}
     for effect in nominal.effects:
-        if effect.name not in KNOWN:
+        if effect.name not in OFFSET_KINDS:
             continue
-        value = float(values(effect)[KNOWN[effect.name]])
+        value = float(values(effect)[OFFSET_KINDS[effect.name]])
         if effect.name in added:
             known[added[effect.name]] += value
         elif effect.name == "actuator_gain":

@@ -50,7 +50,7 @@ NominalSource = Union[str, "os.PathLike[str]", Nominal]
 Made = TypeVar("Made", bound="Answer")
 Asked = ParamSpec("Asked")
 OPTION = re.compile(r"(?<!\S)--([a-z][a-z0-9-]*)")
-PARAMETERS = {"effect": "effects"}  # of options whose parameter has another name
+RENAMED_OPTIONS = {"effect": "effects"}  # of options whose parameter has another name
 
 
 def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
@@ -116,4 +116,4 @@ def from_python(function: Callable[Asked, Made]) -> Callable[Asked, Made]:
 
 
 def _parameter(option: re.Match[str]) -> str:
-    return PARAMETERS.get(option[1], option[1].replace("-", "_"))
+    return RENAMED_OPTIONS.get(option[1], option[1].replace("-", "_"))

@@ -7,7 +7,7 @@ left for `np.linalg` has as many rows as columns.
 
 import numpy as np
 
-TWICE = 2            # projections: after the second nothing is left that rounding did not make (Giraud et al. 2005)
+PROJECTIONS = 2      # projections: after the second nothing is left that rounding did not make (Giraud et al. 2005)
 DEPENDENT = 1e-13    # of a column's length: what is left of it beside the others is rounding
 
 
@@ -46,7 +46,7 @@ def orthonormal(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     for j in range(k):
         column = np.array(a[:, j])
         length = np.sqrt(square(column))
-        for _ in range(TWICE):
+        for _ in range(PROJECTIONS):
             share = np.einsum("kn,n->k", q[:j], column)
             column -= np.einsum("kn,k->n", q[:j], share)
             r[:j, j] += share

@@ -24,12 +24,12 @@ from sim.sections import Multisine
 from .bound.flights import flight_information
 from .bound.matrices import bounds_of
 
-HIGHEST = 12.0          # rad/s: above it the attitude hardly moves and bending modes begin
+HIGHEST_FREQUENCY = 12.0  # rad/s: above it the attitude hardly moves and bending modes begin
 MAX_HARMONICS = 12
 PROBE = 0.004           # rad, of one harmonic while its information is measured
 DESIGN_PASSES = 60
 SMALLEST_SHARE = 0.02   # of the power: harmonics below it are dropped
-SEED = 0
+TEST_INPUT_SEED = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Plan:
 
 def harmonics(nominal: Nominal, window: float) -> np.ndarray:
     """Frequencies [rad/s] with whole periods in a window, thinned to MAX_HARMONICS."""
-    count = max(1, math.floor(HIGHEST * window / (2.0 * math.pi)))
+    count = max(1, math.floor(HIGHEST_FREQUENCY * window / (2.0 * math.pi)))
     chosen = np.unique(np.round(np.geomspace(1, count, MAX_HARMONICS)).astype(int))
     return 2.0 * math.pi * chosen / window
 
@@ -92,12 +92,12 @@ def design_shares(base: np.ndarray, gains: np.ndarray, power: float) -> np.ndarr
 
 def probe(nominal: Nominal, frequency: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray]:
     """Information of the flight as it is (w, 2, 2), and what each harmonic adds per rad^2 (h, w, 2, 2)."""
-    base = flight_information(nominal, window, SEED)
+    base = flight_information(nominal, window, TEST_INPUT_SEED)
     added = []
     for k in range(len(frequency)):
         amplitude = np.zeros(len(frequency))
         amplitude[k] = PROBE
-        flown = flight_information(with_input(nominal, frequency, amplitude), window, SEED)
+        flown = flight_information(with_input(nominal, frequency, amplitude), window, TEST_INPUT_SEED)
         if len(flown) < len(base):
             raise InputError(f"{nominal.path}: the vehicle is lost with a test input of {PROBE} rad; "
                              "no input can be planned")
@@ -148,5 +148,5 @@ def plan(nominal: Nominal, accuracy: float, window: float) -> Plan:
 
 def reached(nominal: Nominal, frequency: np.ndarray, amplitude: np.ndarray, window: float, windows: int) -> float:
     """Accuracy of the flight with this input; inf if the vehicle is lost."""
-    information = flight_information(with_input(nominal, frequency, amplitude), window, SEED)
+    information = flight_information(with_input(nominal, frequency, amplitude), window, TEST_INPUT_SEED)
     return accuracy_of(information, window) if len(information) == windows else math.inf

@@ -32,9 +32,9 @@ from typing import Any
 import numba
 
 config: Any = numba.config
-GIVEN = config.CACHE_DIR  # by the host
+HOST_FOLDER = config.CACHE_DIR  # by the host
 OURS = ("launchid_core", "sim", "launchid")  # each takes constants and kernels from those before it
-UNUSED = 30 * 86400.0  # s after which a folder that no process used is deleted
+UNUSED_TIME = 30 * 86400.0  # s after which a folder that no process used is deleted
 ROOM = 1 << 26         # bytes that must be free: twice what all kernels take; the largest takes a 64th of it
 IMPORT = re.compile(r"^from (\.*)([\w.]*) import (\([^)]*\)|.*)", re.M)  # at the top level: kernels' names
 alone = threading.RLock()  # who decorates or compiles
@@ -98,7 +98,7 @@ def make_room(place: Path) -> None:
     with tempfile.TemporaryFile(dir=place) as file:
         now = os.fstat(file.fileno()).st_mtime  # by the clock that the folders have
         for folder in place.iterdir():
-            if now - folder.stat().st_mtime > UNUSED:
+            if now - folder.stat().st_mtime > UNUSED_TIME:
                 shutil.rmtree(folder, ignore_errors=True)
         if shutil.disk_usage(place).free < ROOM:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -108,7 +108,7 @@ def make_room(place: Path) -> None:
 @cache
 def folder_of(module: str) -> Path | None:
     """Return the folder of a module's kernels, made if need be; None if there is none that is safe and has room."""
-    place = Path(GIVEN).absolute() if GIVEN and not os.environ.get("LAUNCHID_CACHE") else cache_folder()
+    place = Path(HOST_FOLDER).absolute() if HOST_FOLDER and not os.environ.get("LAUNCHID_CACHE") else cache_folder()
     if place is None or config.DISABLE_JIT or not getattr(sys.modules.get(module), "__file__", None):
         return None
     try:

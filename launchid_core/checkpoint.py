@@ -1,6 +1,6 @@
 """An estimator's state as bytes, to go on from after a restart: versioned, checked, of one configuration; no pickle.
 
-    header   MAGIC, FORMAT, number of choices, version of the package, layout of the state, number of words
+    header   MAGIC, CHECKPOINT_FORMAT, number of choices, version of the package, layout of the state, number of words
     choices  a digest of each field of the configuration, so that one that differs is named
     words    the state's arrays, one after the other: float64 or int64, little endian
     end      CRC-32 of everything before, which sees every flipped bit and every burst of up to 32
@@ -18,19 +18,19 @@ from typing import Any
 import numpy as np
 
 from .config import Config
-from .filter.filtered import ROWS
+from .filter.filtered import BLOCK_ROWS
 from .gate.guard import CARRIED, GROUP
 from .order.assembly import Memory
 from .order.table import FILTERED
 from .version import VERSION
 
 MAGIC = b"launchid"
-FORMAT = 2
+CHECKPOINT_FORMAT = 2
 HEADER = struct.Struct("<8sHH16s16sQ")
 END = struct.Struct("<I")
 DIGEST = 8      # bytes of a choice's digest: two that differ are taken for equal once in 2^64
 WORD = 8        # bytes
-GUARD = "state.guard"
+GUARD_PATH = "state.guard"
 
 
 def _choices(value: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -59,7 +59,8 @@ def preface(config: Config, memory: Memory) -> bytes:
     arrays = [array for _, array in memory.state_arrays()]
     digests = b"".join(_digests(config).values())
     size = sum(array.size for array in arrays)
-    return HEADER.pack(MAGIC, FORMAT, len(digests) // DIGEST, VERSION.encode(), _layout(arrays), size) + digests
+    return HEADER.pack(MAGIC, CHECKPOINT_FORMAT, len(digests) // DIGEST, VERSION.encode(), _layout(arrays),
+                       size) + digests
 
 
 def save(config: Config, memory: Memory) -> bytes:
@@ -85,7 +86,7 @@ def _unsealed(memory: Memory) -> Iterator[np.ndarray]:
     """The arrays that persist; of the seal of what is carried on, which depends on the extents of records, what it is
     off: 0 but where memory is damaged."""
     for name, array in memory.state_arrays():
-        yield array ^ [0, seal_of(memory)] if name == GUARD else array
+        yield array ^ [0, seal_of(memory)] if name == GUARD_PATH else array
 
 
 def seal_of(memory: Memory) -> np.int64:
@@ -93,7 +94,7 @@ def seal_of(memory: Memory) -> np.int64:
     seal = _folded(memory.words)
     if memory.struct is FILTERED:
         inner = np.uint64(0)
-        for row in memory.apart["rows"][:, :max(memory.parts.state.acc.counts[ROWS], 0)]:
+        for row in memory.apart["rows"][:, :max(memory.parts.state.acc.counts[BLOCK_ROWS], 0)]:
             inner = _mixed(inner) ^ _folded(row)
         seal = _mixed(seal) ^ inner
     return seal.view(np.int64)
@@ -121,8 +122,8 @@ def _check(config: Config, arrays: list[np.ndarray], saved: bytes) -> int:
     if len(saved) < HEADER.size or not saved.startswith(MAGIC):
         raise ValueError(f"saved state: {len(saved)} bytes that do not begin as a saved estimator does")
     _, number, fields, version, layout, size = HEADER.unpack_from(saved)
-    if number != FORMAT:
-        raise ValueError(f"saved state: format {number}, expected {FORMAT}")
+    if number != CHECKPOINT_FORMAT:
+        raise ValueError(f"saved state: format {number}, expected {CHECKPOINT_FORMAT}")
     words: int = HEADER.size + fields * DIGEST
     expected = words + size * WORD + END.size
     if len(saved) != expected:

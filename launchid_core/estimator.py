@@ -206,7 +206,7 @@ class Estimator:
         """
         state = self._parts.state
         counts = {status.name: int(state.counts[rb.COUNT_FIRST + status - Status.BUSY]) for status in Status}
-        counts |= {"STUCK": int(state.counts[rb.STUCK]), "WRAP": int(state.counts[rb.WRAPS])}
+        counts |= {"STUCK": int(state.counts[rb.STUCK_ROWS]), "WRAP": int(state.counts[rb.WRAPS])}
         if self._calls.report is not None:
             counts |= {name: int(state.filter.note[place]) for name, place in _NOTES.items()}
         return counts

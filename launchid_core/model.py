@@ -18,8 +18,9 @@ SERVO = ("natural_frequency", "damping_ratio", "delay")  # what of a servo may b
 WALK, TURBULENCE, MISALIGNMENT, MOMENT, ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_BIAS = range(7)
 
 
-NODES = {"profile_t": ("profile_a6", "profile_k1"), "sigma_t": ("sigma_a6", "sigma_k1"), "forecast_t": ("forecast",),
-         "drift_t": ("drift_alpha", "drift_beta")}
+NODE_FIELDS = {"profile_t": ("profile_a6", "profile_k1"), "sigma_t": ("sigma_a6", "sigma_k1"),
+               "forecast_t": ("forecast",),
+               "drift_t": ("drift_alpha", "drift_beta")}
 AT_LEAST_ZERO = ("delay", "time_constant", "walk", "wind_initial", "turbulence", "gamma_std", *OFFSETS,
                  *(f"{name}_sigma" for name in SERVO))
 
@@ -100,7 +101,7 @@ class Model:
     delay_sigma: float = 0.0
 
     def __post_init__(self) -> None:
-        for nodes, values in NODES.items():
+        for nodes, values in NODE_FIELDS.items():
             self._require_nodes(nodes, values)
         if not self.profile_t:
             raise ValueError(f"profile_t={self.profile_t!r}: expected at least one node")

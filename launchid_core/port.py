@@ -10,7 +10,7 @@ from .order import onboard
 from .order.assembly import Memory, allocate
 from .order.block import seal_carried
 from .order.entries import calls_of
-from .order.table import APART, CARRIED_FROM, FILTERED
+from .order.table import CARRIED_FROM, FILTERED, SEPARATE_ARRAYS
 from .regression import regression
 
 
@@ -43,7 +43,8 @@ def port_of(config: Config) -> Port:
     memory = allocate(config)
     calls_of(config, memory).restart()
     saved = checkpoint.preface(config, memory), len(checkpoint.save(config, memory))
-    apart, carried = {name: part for name, part, *_ in APART[memory.struct.name]}, CARRIED_FROM[memory.struct.name]
+    apart, carried = {name: part for name, part,
+                      *_ in SEPARATE_ARRAYS[memory.struct.name]}, CARRIED_FROM[memory.struct.name]
     if memory.struct is FILTERED:
         return Port(memory, apart, carried, onboard.update_filtered, onboard.report_now, seal_carried, *saved)
     return Port(memory, apart, carried, regression.update_regression, None, None, *saved)

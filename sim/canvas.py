@@ -13,7 +13,7 @@ from .files import as_path, atomic_path
 DPI = 110
 UNIT = "1/s$^2$"
 TRACKED, TRACKED_BAND = "#1f5fa8", "#c3d6ec"  # in print they differ from the nominal by line and weight
-NOMINAL = "#b8560b"  # dashed, everywhere
+NOMINAL_COLOUR = "#b8560b"  # dashed, everywhere
 METADATA: dict[str, dict[str, Any]] = {  # what would differ from day to day is left out
     ".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 

@@ -10,9 +10,9 @@ from typing import Literal, TextIO, TypedDict
 
 from .errors import InputError
 
-LONGEST_LINE = 1 << 20   # characters: a sample's line has a few hundred
+LONGEST_CSV_LINE = 1 << 20  # characters: a sample's line has a few hundred
 BOM_16 = (b"\xff\xfe", b"\xfe\xff")
-KINDS = (  # first bytes -> what such a file is, and what to do with it; the first that fits
+FOREIGN_FILES = (  # first bytes -> what such a file is, and what to do with it; the first that fits
     (b"\xff\xfe\x00\x00", "UTF-32 text; save it as UTF-8"), (BOM_16[0], "UTF-16 text; save it as UTF-8"),
     (BOM_16[1], "UTF-16 text; save it as UTF-8"),
     (b"\x1f\x8b", "a gzip archive; unpack it first"), (b"BZh", "a bzip2 archive; unpack it first"),
@@ -76,7 +76,7 @@ class Lines:
         return self
 
     def __next__(self) -> str:
-        line = "" if self._has_ended else self._readline(LONGEST_LINE)
+        line = "" if self._has_ended else self._readline(LONGEST_CSV_LINE)
         if not line:
             raise StopIteration
         self._has_ended = not line.endswith(("\n", "\r"))
@@ -85,14 +85,14 @@ class Lines:
             self._check_kind(line)
         if not line.isascii():
             self._check_encoding(line)
-        if len(line) == LONGEST_LINE:
-            raise InputError(f"{self.path}: line {self.number}: more than {LONGEST_LINE} characters; expected one "
+        if len(line) == LONGEST_CSV_LINE:
+            raise InputError(f"{self.path}: line {self.number}: more than {LONGEST_CSV_LINE} characters; expected one "
                              "sample a line")
         return line
 
     def _check_kind(self, line: str) -> None:
         first = line.encode("utf-8", "surrogateescape")
-        for magic, what in KINDS:
+        for magic, what in FOREIGN_FILES:
             if first.startswith(magic):
                 raise InputError(f"{self.path}: this is {what}; expected a UTF-8 CSV file")
         if first[:1] == b"\x00" and first[8:9] in TLOG:

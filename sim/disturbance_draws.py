@@ -12,14 +12,14 @@ from .effects import Changes, Effect, effect
 from .sections import Offsets, Wind
 from .vehicle.kernels import kernel
 
-_STREAMS = {"offsets": 100, "walk": 101, "turbulence": 102}  # beyond those of the noises
-CALM = Changes()
-OFFSETS = ("thrust_misalignment", "attitude_bias", "gyro_bias", "nozzle_sensor_bias", "moment")
+_DISTURBANCE_STREAMS = {"offsets": 100, "walk": 101, "turbulence": 102}  # beyond those of the noises
+NO_CHANGES = Changes()
+OFFSET_DRAWS = ("thrust_misalignment", "attitude_bias", "gyro_bias", "nozzle_sensor_bias", "moment")
 
 
 def _draws(seed: int, stream: str, count: int, source: int = 0) -> np.ndarray:
     """`count` standard normal draws of a source, the first, second... of its kind."""
-    key = (_STREAMS[stream], seed, source) if source > 0 else (_STREAMS[stream], seed)
+    key = (_DISTURBANCE_STREAMS[stream], seed, source) if source > 0 else (_DISTURBANCE_STREAMS[stream], seed)
     return np.random.default_rng(key).standard_normal(count)
 
 
@@ -30,8 +30,8 @@ def drawn_offsets(offsets: Offsets | None, seed: int) -> dict[str, float]:
     """Name -> value of the constants that are not known to be 0; empty if all are."""
     if offsets is None:
         return {}
-    draws = _draws(seed, "offsets", len(OFFSETS)).tolist()
-    return {name: getattr(offsets, name) * draw for name, draw in zip(OFFSETS, draws, strict=True)
+    draws = _draws(seed, "offsets", len(OFFSET_DRAWS)).tolist()
+    return {name: getattr(offsets, name) * draw for name, draw in zip(OFFSET_DRAWS, draws, strict=True)
             if getattr(offsets, name) > 0.0}
 
 
@@ -49,7 +49,8 @@ def moment_of(drawn: dict[str, float]) -> float:
 # ---- wind
 
 
-def drawn_wind(wind: Wind | None, seed: int, steps: int, step: float, changes: Changes = CALM) -> np.ndarray | None:
+def drawn_wind(wind: Wind | None, seed: int, steps: int, step: float,
+               changes: Changes = NO_CHANGES) -> np.ndarray | None:
     """The wind angle (steps + 1,) [rad] at every step [s] of the flight; None if it is calm.
 
     changes  of the effects: each source of chance is drawn by itself, the nominal's first

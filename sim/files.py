@@ -27,8 +27,8 @@ try:
 except ImportError:  # not a POSIX system: no lock says whose a hidden file is, so none is removed
     fcntl = None  # type: ignore[assignment]
 
-SHOWN = 40           # characters of a file's name in its hidden one's, so that this is not too long where that is
-HIDDEN = re.compile(r"\..+\.[0-9a-f]{16}\.launchid", re.DOTALL)  # no name that anybody else gives
+NAME_CHARACTERS = 40  # characters of a file's name in its hidden one's, so that this is not too long where that is
+HIDDEN_NAME = re.compile(r"\..+\.[0-9a-f]{16}\.launchid", re.DOTALL)  # no name that anybody else gives
 WRITABLE = 0o222     # mode bits; root may write without them, and is refused all the same
 NEW_MODE = 0o666     # of a new file, less the umask
 
@@ -160,7 +160,7 @@ def _write_through(temporary: Path, path: Path) -> None:
 def _claimed(target: Path) -> tuple[int | None, Path]:
     """A new hidden file and the descriptor that holds its lock: as long as that is open, its process lives."""
     while True:
-        path = target.parent / f".{target.name[:SHOWN]}.{secrets.token_hex(8)}.launchid"
+        path = target.parent / f".{target.name[:NAME_CHARACTERS]}.{secrets.token_hex(8)}.launchid"
         try:
             handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
             if fcntl is None:
@@ -178,7 +178,7 @@ def _claimed(target: Path) -> tuple[int | None, Path]:
 
 def _remove_abandoned(folder: Path) -> None:
     """Remove the hidden files in this folder, of whatever output, that no living process holds."""
-    for path in [entry for entry in folder.iterdir() if HIDDEN.fullmatch(entry.name)] if fcntl else ():
+    for path in [entry for entry in folder.iterdir() if HIDDEN_NAME.fullmatch(entry.name)] if fcntl else ():
         with contextlib.suppress(OSError):  # locked, or of another user
             handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW)
             try:

@@ -25,7 +25,7 @@ from .effects import Changes, Effect, effect, pack, plant
 from .errors import InputError, UsageError
 from .nominal import Nominal
 from .vehicle.actuator import FIRST_ORDER_DAMPING
-from .vehicle.record import NOISE, ROW, SECTION, TICK, Vehicle, assembled
+from .vehicle.record import CONTROLLER_TICK, LOG_ROW, SECTION, SENSOR_NOISE, Vehicle, assembled
 from .vehicle.step import advance
 
 SUITES = ("flight", "ideal")
@@ -168,7 +168,7 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
     sensors, guidance = nominal.sensors, nominal.guidance
 
     ticking = np.arange(ticks) * controller.period
-    tick = np.zeros(ticks, TICK)
+    tick = np.zeros(ticks, CONTROLLER_TICK)
     tick["reference"] = guidance.attitude_at(ticking)
     tick["rate_reference"] = guidance.rate_at(np.round(ticking, CLOCK_DIGITS))
     tick["excitation"] = excitation(nominal, ticks, controller.period)
@@ -176,7 +176,7 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
     unmodelled = 0.0 if suite == "ideal" else simulation.acceleration_noise_std
     tick["acceleration"] = noise(seed, "acceleration", unmodelled, ticks) + moment_of(offsets)
 
-    noises = np.empty(steps, NOISE)
+    noises = np.empty(steps, SENSOR_NOISE)
     for name in ("theta", "theta_dot", "beta"):
         noises[name] = noise(seed, name, getattr(sensors, f"{name}_std"), steps)
 
@@ -237,10 +237,10 @@ def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: fl
     vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor, effects)
     state = vehicle.flight[0]
     every = int(state.log_every)
-    rows = np.empty(-(-steps // every), ROW)
+    rows = np.empty(-(-steps // every), LOG_ROW)
     advance(vehicle, steps, rows)
     n = int(state.rows)
-    log = {name: rows[name][:n].copy() for name in ROW.names or ()}
+    log = {name: rows[name][:n].copy() for name in LOG_ROW.names or ()}
     chosen = {name: log[column] for name, column in _columns(suite).items()}
     ddot = log["true_theta_ddot"] if suite == "ideal" else np.full(n, np.nan)
     at = every * np.arange(n)
@@ -262,13 +262,13 @@ def fly(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | 
     every = int(state.log_every)
     column = _columns(suite)
     gamma = measured_gamma(nominal, seed, suite, steps)
-    rows = np.empty(1, ROW)
+    rows = np.empty(1, LOG_ROW)
     for start in range(0, steps, every):
         state.rows = 0
         advance(vehicle, min(every, steps - start), rows)
         if state.rows == 0:
             return
-        row = dict(zip(ROW.names or (), rows[0].tolist(), strict=True))
+        row = dict(zip(LOG_ROW.names or (), rows[0].tolist(), strict=True))
         yield Sample(round(row["t"], CLOCK_DIGITS), row[column["theta"]], row[column["theta_dot"]],
                      row[column["beta"]], row["true_theta_ddot"] if suite == "ideal" else math.nan, row["beta_cmd"],
                      row["true_gamma"] + float(gamma[start]))

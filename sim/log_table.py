@@ -17,9 +17,9 @@ from .errors import InputError
 
 REQUIRED = ("t", "theta", "beta")
 OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref", "gamma", "alpha", "rate_ref")
-BLOCK = 4096       # rows that are text at a time
-SHOWN = 40         # characters of a cell in a message
-DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs' files
+ROWS_A_BLOCK = 4096  # rows that are text at a time
+CELL_CHARACTERS = 40  # characters of a cell in a message
+FOREIGN_DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs' files
 
 OTHER_NAMES = {  # of what other people call a log's columns
     "t": ("time", "timestamp", "seconds"), "theta": ("pitch", "attitude", "angle", "yaw", "roll"),
@@ -55,7 +55,7 @@ def numbers(cells: Sequence[str]) -> list[float] | None:
 
 def shown(cell: str) -> str:
     """A cell for a message: escaped and cut."""
-    return ascii(cell if len(cell) <= SHOWN else cell[:SHOWN] + "...")
+    return ascii(cell if len(cell) <= CELL_CHARACTERS else cell[:CELL_CHARACTERS] + "...")
 
 
 def places(path: str, header: list[str], required: tuple[str, ...], where: str = "line 1: ") -> dict[str, int]:
@@ -75,7 +75,7 @@ def places(path: str, header: list[str], required: tuple[str, ...], where: str =
 def _without(name: str, names: list[str]) -> str:
     """One sentence on a missing column, and on what seems to be the reason."""
     if len(names) == 1:
-        for character, words in DELIMITERS.items():
+        for character, words in FOREIGN_DELIMITERS.items():
             if character in names[0]:
                 return f"{words} where commas should be (found {shown(names[0])}); a map (--map) reads them"
     bare = {re.sub(r"[\[(].*", "", each).strip().casefold(): each for each in names if each not in REQUIRED + OPTIONAL}
@@ -143,7 +143,7 @@ class Columns:
         """The known columns of all these rows, each (rows,); `rows` as `csv_text.rows` gives them."""
         columns = [array("d") for _ in self.known]  # grows where it is: no second copy at the end
         rows = iter(rows)
-        while block := list(itertools.islice(rows, BLOCK)):
+        while block := list(itertools.islice(rows, ROWS_A_BLOCK)):
             for column, values in zip(columns, self._block(block, rows), strict=True):
                 column.extend(values)
         return {name: np.frombuffer(column) if column else np.zeros(0)

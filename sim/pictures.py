@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from .canvas import NOMINAL, UNIT, panels
+from .canvas import NOMINAL_COLOUR, UNIT, panels
 
 
 def range_figure(nominal: Any) -> Figure:
@@ -19,7 +19,7 @@ def range_figure(nominal: Any) -> Figure:
         if sigma is not None:
             spread = sigma.at(t)[k]
             axes[k].fill_between(t, value * (1.0 - spread), value * (1.0 + spread), color="0.82", label="range")
-        axes[k].plot(t, value, "--", color=NOMINAL, label="nominal")
+        axes[k].plot(t, value, "--", color=NOMINAL_COLOUR, label="nominal")
         axes[k].set_ylabel(f"{name} [{UNIT}]")
     axes[0].legend(fontsize=7, ncol=3, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
     axes[1].set_xlabel("t [s]")

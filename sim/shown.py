@@ -7,8 +7,8 @@ from typing import Any
 DIGITS = 2          # of a standard deviation: more are not known
 MOST_DECIMALS = 9   # a number closer to the noise of arithmetic is written with an exponent
 NO_STD_DIGITS = 5   # of a value without one
-SLOW = 0.5          # s: no launcher is logged as slowly, and milliseconds are above it
-MOST_ROWS = 40      # of a table in a notebook
+SLOWEST_PERIOD = 0.5  # s: no launcher is logged as slowly, and milliseconds are above it
+NOTEBOOK_ROWS = 40  # of a table in a notebook
 PLUS_MINUS = "+- is one standard deviation"   # everywhere; a 95 % interval is named, or written a..b
 
 
@@ -62,19 +62,19 @@ def saying_what_plus_minus_is(lines: list[str]) -> list[str]:
 
 def slow_hint(period: float) -> str:
     """A hint from a log's period [s] at the unit of its stamps; '' if there is none."""
-    if not period > SLOW:
+    if not period > SLOWEST_PERIOD:
         return ""
-    unit, factor = ("milliseconds", 1e3) if period < SLOW * 1e3 else ("microseconds", 1e6)
+    unit, factor = ("milliseconds", 1e3) if period < SLOWEST_PERIOD * 1e3 else ("microseconds", 1e6)
     return f"; the log's step of {period:.4g} looks like {unit}: divide t by {factor:g}"
 
 
 def html_table(columns: dict[str, list[Any]]) -> str:
-    """Columns of equal length as HTML; what is beyond MOST_ROWS is counted."""
+    """Columns of equal length as HTML; what is beyond NOTEBOOK_ROWS is counted."""
     rows = len(next(iter(columns.values()), []))
-    shown = zip(*(x[:MOST_ROWS] for x in columns.values()), strict=True)
+    shown = zip(*(x[:NOTEBOOK_ROWS] for x in columns.values()), strict=True)
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
     body = "".join(f"<tr>{''.join(f'<td>{_cell(x)}</td>' for x in row)}</tr>" for row in shown)
-    more = f"<p>... and {rows - MOST_ROWS} more rows</p>" if rows > MOST_ROWS else ""
+    more = f"<p>... and {rows - NOTEBOOK_ROWS} more rows</p>" if rows > NOTEBOOK_ROWS else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
 
 

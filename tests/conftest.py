@@ -15,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from launchid.cli.terminal import Progress
-from launchid.log.log import MEASURED
+from launchid.log.log import MEASURED_LOGS
 from launchid_core.cache import kept_apart
 
 _quiet = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
@@ -71,4 +71,4 @@ def pytest_collection_finish() -> None:
 @pytest.fixture
 def real_logs() -> Path:
     """Folder of the measured logs that come with the package."""
-    return MEASURED
+    return MEASURED_LOGS

@@ -5,12 +5,12 @@ import numpy as np
 from sim.vehicle.kernels import kernel
 
 from .step import FIRST_ORDER, N_STATES, add_noise, combine, fill, multiply, transition
-from .world import ATTITUDE_BIAS, PATH, World, calm, contiguous
+from .world import ATTITUDE_BIAS_STATE, PATH_STATE, World, calm, contiguous
 
 N_CHANNELS = 3     # theta, theta_dot, beta
 N_UNKNOWN = 6      # four initial states, relative a6, relative k1
 WITH_SERVO = 9     # and the servo's relative frequency, relative damping ratio, delay [s]
-DELAY = 8          # its place among them: it is in the command alone, and so in no covariance
+BY_SERVO_DELAY = 8  # its place among them: it is in the command alone, and so in no covariance
 DIFFUSE = np.array([0.1, 1.0, 0.1, 10.0])  # rad, rad/s, rad, rad/s: all of what small angles hold
 
 
@@ -49,7 +49,7 @@ def switch_command(s, x, jump, f, slopes, value, frequency, damping):
         x[i] += f[i, 4] * jump
         for m in range(len(value)):
             s[i, 4 + m] += value[m] * slopes[m, i, 4] * jump
-        s[i, DELAY] -= jump * frequency * (f[i, 2] if damping == FIRST_ORDER else f[i, 3] * frequency)
+        s[i, BY_SERVO_DELAY] -= jump * frequency * (f[i, 2] if damping == FIRST_ORDER else f[i, 3] * frequency)
 
 
 @kernel
@@ -151,7 +151,7 @@ def start_window(world, row, x, p, s, dp):
         p[i, i] = DIFFUSE[i] * DIFFUSE[i]
     for j in range(len(world.role)):
         c = N_STATES + j
-        x[c] = world.gamma[row] if world.role[j] == PATH else 0.0
+        x[c] = world.gamma[row] if world.role[j] == PATH_STATE else 0.0
         p[c, c] = world.start[j, row]
 
 
@@ -160,7 +160,7 @@ def information_in(world, t, z, u, newer, switch, a6, k1, actuator, noises, wind
                    k1_information):
     """`window_information` in a world."""
     n, unknowns = N_STATES + len(world.role), information.shape[1]
-    moving = min(unknowns, DELAY) - N_STATES
+    moving = min(unknowns, BY_SERVO_DELAY) - N_STATES
     x, p, s, dp = np.zeros(n), np.zeros((n, n)), np.zeros((n, unknowns)), np.zeros((moving, n, n))
     f, slopes, value = np.zeros((6, 6)), np.zeros((moving, 6, 6)), np.zeros(moving)
     rest, rest_slopes = np.zeros((6, 6)), np.zeros((moving, 6, 6))
@@ -170,9 +170,9 @@ def information_in(world, t, z, u, newer, switch, a6, k1, actuator, noises, wind
     for channel in range(N_CHANNELS):
         partner[channel] = -1
     for j in range(len(world.role)):
-        if world.role[j] >= ATTITUDE_BIAS:
-            partner[world.role[j] - ATTITUDE_BIAS] = N_STATES + j
-        x[N_STATES + j] = world.gamma[0] if world.role[j] == PATH else 0.0
+        if world.role[j] >= ATTITUDE_BIAS_STATE:
+            partner[world.role[j] - ATTITUDE_BIAS_STATE] = N_STATES + j
+        x[N_STATES + j] = world.gamma[0] if world.role[j] == PATH_STATE else 0.0
         p[N_STATES + j, N_STATES + j] = world.start[j, 0]
     for channel in range(N_CHANNELS):
         x[channel] = z[0, channel]
@@ -198,7 +198,7 @@ def information_in(world, t, z, u, newer, switch, a6, k1, actuator, noises, wind
                 value[m] = actuator[m - 2]
             fill(world, f, slopes, value, h, k, full, moved, air)
             predict(x, p, s, dp, u[k], world.air[k], f, slopes, value, full, moved, air, noises)
-            if unknowns > DELAY and h > switch and newer[k] != u[k]:
+            if unknowns > BY_SERVO_DELAY and h > switch and newer[k] != u[k]:
                 transition(a6[k], k1[k], actuator[0], actuator[1], h - switch, rest, rest_slopes)
                 switch_command(s, x, newer[k] - u[k], rest, rest_slopes, value, actuator[0], actuator[1])
             add_noise(world, f, a6[k], h, k, p, dp[0])

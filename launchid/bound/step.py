@@ -7,13 +7,14 @@ import numpy as np
 from sim.vehicle import actuator
 from sim.vehicle.kernels import kernel
 
-from .world import MISALIGNMENT, MOMENT, PATH, TURBULENCE, WALK
+from .world import MISALIGNMENT_STATE, MOMENT_STATE, PATH_STATE, TURBULENCE_STATE, WALK_STATE
 
 N_STATES = 4       # theta, theta_dot, beta, beta_dot
 N_AUGMENTED = 6    # and the held command and acceleration
-TAYLOR_ORDER = 12  # of a part of the step; the remainder is below 1e-12
-RESOLVED = 0.6     # rad a part, of the servo's fastest pole: the step of an ordinary servo is one part
-A6, K1, FREQUENCY, DAMPING = range(4)  # what the transition has derivatives for, the first two or all
+TRANSITION_ORDER = 12  # of a part of the step; the remainder is below 1e-12
+POLE_PART = 0.6    # rad a part, of the servo's fastest pole: the step of an ordinary servo is one part
+# what the transition has derivatives for, the first two or all
+BY_A6, BY_K1, BY_SERVO_FREQUENCY, BY_SERVO_DAMPING = range(4)
 FIRST_ORDER = -1.0  # damping ratio of a servo without a second order, whose frequency is 1/time constant
 
 fastest_pole = kernel(actuator.fastest_pole)
@@ -26,14 +27,14 @@ def generator_slope(which, frequency, damping, term, out):
     term, out (6, 6)
     """
     for j in range(N_AUGMENTED):
-        if which == A6:
+        if which == BY_A6:
             out[1, j] += term[0, j]
-        elif which == K1:
+        elif which == BY_K1:
             out[1, j] += term[2, j]
         elif damping == FIRST_ORDER:
-            if which == FREQUENCY:
+            if which == BY_SERVO_FREQUENCY:
                 out[2, j] += term[4, j] - term[2, j]
-        elif which == FREQUENCY:
+        elif which == BY_SERVO_FREQUENCY:
             out[3, j] += 2.0 * (frequency * (term[4, j] - term[2, j]) - damping * term[3, j])
         else:
             out[3, j] -= 2.0 * frequency * term[3, j]
@@ -57,14 +58,14 @@ def transition(a6, k1, frequency, damping, h, f, slopes):
         a[3, 2] = -frequency * frequency
         a[3, 3] = -2.0 * damping * frequency
         a[3, 4] = frequency * frequency
-    squarings = max(0, math.ceil(math.log2(fastest_pole(frequency, damping) * h / RESOLVED)))
+    squarings = max(0, math.ceil(math.log2(fastest_pole(frequency, damping) * h / POLE_PART)))
     h /= 2.0**squarings
     term, new, moved = np.zeros((n, n)), np.zeros((n, n)), np.zeros(slopes.shape)
     f[:, :] = 0.0
     for i in range(n):
         term[i, i] = f[i, i] = 1.0
     slopes[:, :, :] = 0.0
-    for order in range(1, TAYLOR_ORDER + 1):
+    for order in range(1, TRANSITION_ORDER + 1):
         for m in range(len(slopes)):
             multiply(a, moved[m], new, 0.0)
             generator_slope(m, frequency, damping, term, new)
@@ -106,13 +107,13 @@ def multiply(a, b, out, kept):
 def push_of(role, a6, k1, mean, levels_known):
     """The acceleration that a unit of a nuisance is, `mean` of it left over the step, and its derivatives for relative
     a6 and k1."""
-    if role == WALK or role == TURBULENCE:
+    if role == WALK_STATE or role == TURBULENCE_STATE:
         return a6 * mean, (a6 * mean if levels_known else 0.0), 0.0
-    if role == PATH:
+    if role == PATH_STATE:
         return -a6, -a6, 0.0
-    if role == MISALIGNMENT:
+    if role == MISALIGNMENT_STATE:
         return k1, 0.0, k1
-    return (1.0 if role == MOMENT else 0.0), 0.0, 0.0
+    return (1.0 if role == MOMENT_STATE else 0.0), 0.0, 0.0
 
 
 @kernel
@@ -123,7 +124,7 @@ def fill(world, f, slopes, value, h, row, full, moved, air):
     full (n, n), moved (p, n, n) out
     air (1 + p, n)   out    what the known angle of attack does, and its derivatives
     """
-    a6, k1 = value[A6], value[K1]
+    a6, k1 = value[BY_A6], value[BY_K1]
     for i in range(N_STATES):
         for j in range(N_STATES):
             full[i, j] = f[i, j]
@@ -132,7 +133,7 @@ def fill(world, f, slopes, value, h, row, full, moved, air):
         air[0, i] = a6 * f[i, 5]
         for m in range(len(value)):
             air[1 + m, i] = value[m] * a6 * slopes[m, i, 5]
-        air[1 + A6, i] += a6 * f[i, 5]
+        air[1 + BY_A6, i] += a6 * f[i, 5]
     z_alpha, z_beta = world.drift[0, row], world.drift[1, row]
     for j in range(len(world.role)):
         role, c = world.role[j], N_STATES + j
@@ -142,18 +143,18 @@ def fill(world, f, slopes, value, h, row, full, moved, air):
             full[i, c] = push * f[i, 5]
             for m in range(len(value)):
                 moved[m, i, c] = push * value[m] * slopes[m, i, 5]
-            moved[A6, i, c] += by_a6 * f[i, 5]
-            moved[K1, i, c] += by_k1 * f[i, 5]
+            moved[BY_A6, i, c] += by_a6 * f[i, 5]
+            moved[BY_K1, i, c] += by_k1 * f[i, 5]
         full[c, c] = keep
-        if role == PATH:
+        if role == PATH_STATE:
             full[c, 0], full[c, 1] = h * z_alpha, 0.5 * h * h * z_alpha
             full[c, 2], full[c, 3] = h * z_beta, 0.5 * h * h * z_beta
             full[c, c] = 1.0 - h * z_alpha
             air[0, c] = h * z_alpha
             for k in range(len(world.role)):
-                if world.role[k] == WALK or world.role[k] == TURBULENCE:
+                if world.role[k] == WALK_STATE or world.role[k] == TURBULENCE_STATE:
                     full[c, N_STATES + k] = h * z_alpha
-                elif world.role[k] == MISALIGNMENT:
+                elif world.role[k] == MISALIGNMENT_STATE:
                     full[c, N_STATES + k] = h * z_beta
 
 
@@ -170,7 +171,7 @@ def add_noise(world, f, a6, h, row, q, dq):
     for k in range(len(world.role)):
         c = N_STATES + k
         grown = world.fresh[k] * h
-        if world.role[k] == TURBULENCE:
+        if world.role[k] == TURBULENCE_STATE:
             grown = world.start[k, row] * (1.0 - math.exp(-2.0 * h / world.fade[k]))
         if grown == 0.0:
             continue

@@ -8,9 +8,10 @@ import numpy as np
 from sim.nominal import Nominal
 
 # what a further state is
-WALK, TURBULENCE, PATH, MISALIGNMENT, MOMENT, ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_BIAS = range(8)
-OFFSETS = {"thrust_misalignment": MISALIGNMENT, "moment": MOMENT, "attitude_bias": ATTITUDE_BIAS,
-           "gyro_bias": GYRO_BIAS, "nozzle_sensor_bias": NOZZLE_BIAS}
+(WALK_STATE, TURBULENCE_STATE, PATH_STATE, MISALIGNMENT_STATE, MOMENT_STATE, ATTITUDE_BIAS_STATE, GYRO_BIAS_STATE,
+ NOZZLE_BIAS_STATE) = range(8)
+OFFSET_ROLES = {"thrust_misalignment": MISALIGNMENT_STATE, "moment": MOMENT_STATE, "attitude_bias": ATTITUDE_BIAS_STATE,
+                "gyro_bias": GYRO_BIAS_STATE, "nozzle_sensor_bias": NOZZLE_BIAS_STATE}
 
 
 class Path(Protocol):
@@ -36,13 +37,13 @@ class Path(Protocol):
 class World(NamedTuple):
     """The world outside the vehicle: r states of its own, and what is known of the air, over n rows."""
 
-    role: np.ndarray      # (r,) int64, WALK .. NOZZLE_BIAS
+    role: np.ndarray      # (r,) int64, WALK_STATE .. NOZZLE_BIAS_STATE
     start: np.ndarray     # (r, n) variance of each before any data, were a window to begin at the row
     fresh: np.ndarray     # (r,) variance that a second adds; of turbulence that a step adds is start (1 - keep^2)
     fade: np.ndarray      # (r,) [s] in which it falls to 1/e; inf: it stays
     air: np.ndarray       # (n,) [rad] known part of the angle of attack beside theta, over the step from the row
-    drift: np.ndarray     # (2, n) [1/s] z_alpha, z_beta over the step from the row, of PATH
-    gamma: np.ndarray     # (n,) [rad] PATH at the row, where a window begins
+    drift: np.ndarray     # (2, n) [1/s] z_alpha, z_beta over the step from the row, of PATH_STATE
+    gamma: np.ndarray     # (n,) [rad] PATH_STATE at the row, where a window begins
     gamma_variance: float  # [rad^2] of the measured flight path, within `air`
     restarts: bool        # a window knows nothing of the data before it
     levels_known: bool    # the size of the wind's response tells of a6
@@ -64,14 +65,14 @@ def world_of(nominal: Nominal, flight: Path, restarts: bool = True, path_known: 
     states: list[tuple[int, np.ndarray, float, float]] = []
     if wind is not None and not seen:
         if wind.walk > 0.0 or wind.initial > 0.0:
-            states.append((WALK, wind.initial**2 + wind.walk**2 * (t - t[0]), wind.walk**2, math.inf))
+            states.append((WALK_STATE, wind.initial**2 + wind.walk**2 * (t - t[0]), wind.walk**2, math.inf))
         if wind.turbulence > 0.0:
-            states.append((TURBULENCE, np.full(n, wind.turbulence**2), 0.0, wind.turbulence_time))
+            states.append((TURBULENCE_STATE, np.full(n, wind.turbulence**2), 0.0, wind.turbulence_time))
     unseen = drift is not None and not path_known
     if unseen:
-        states.append((PATH, np.zeros(n), 0.0, math.inf))
+        states.append((PATH_STATE, np.zeros(n), 0.0, math.inf))
     if offsets is not None:
-        states += [(role, np.full(n, getattr(offsets, name)**2), 0.0, math.inf) for name, role in OFFSETS.items()
+        states += [(role, np.full(n, getattr(offsets, name)**2), 0.0, math.inf) for name, role in OFFSET_ROLES.items()
                    if getattr(offsets, name) > 0.0]
     world = calm(n)
     air = world.air

@@ -33,11 +33,12 @@ from .kinds import (
 )
 from .scopes import walk
 
-ATOM, UNARY, PRODUCT, SUM, ORDER, EQUALITY, AND, OR, CHOICE = 20, 14, 13, 12, 10, 9, 5, 4, 3   # how tightly they bind
+# how tightly they bind
+ATOM, UNARY, PRODUCT, SUM, PRECEDENCE_OF_ORDER, EQUALITY, AND, OR, CHOICE = 20, 14, 13, 12, 10, 9, 5, 4, 3
 SYMBOLS = {ast.Mult: ("*", PRODUCT), ast.Div: ("/", PRODUCT), ast.Add: ("+", SUM), ast.Sub: ("-", SUM)}
 COMPARISONS = {ast.Lt: "<", ast.Gt: ">", ast.LtE: "<=", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
-CONSTANTS = {"inf": literal(math.inf), "nan": literal(math.nan)}
-FUNCTIONS = ("sqrt", "floor", "fmod", "copysign")  # exact, or rounded once, by definition
+C_CONSTANTS = {"inf": literal(math.inf), "nan": literal(math.nan)}
+EXACT_FUNCTIONS = ("sqrt", "floor", "fmod", "copysign")  # exact, or rounded once, by definition
 CORE = "launchid_core"
 TAKEN = {"double", "int", "auto", "register", "long", "short", "signed", "default", "case", "y0", "y1", "yn", "j0",
          "j1", "jn", "gamma", "index", "time", "static", "const"}   # names that C has given away
@@ -186,7 +187,7 @@ class Expressions:
 
     def _attribute(self, node: ast.Attribute) -> Code:
         if of_module(node):
-            return CONSTANTS[node.attr], UNARY
+            return C_CONSTANTS[node.attr], UNARY
         if self.kinds.of_neighbour(node):
             module = self.kinds.globals[node.value.id].__name__  # type: ignore[attr-defined]
             return self.unit.constant(module, node.attr, self.kinds.outside(node)), ATOM
@@ -369,8 +370,8 @@ class Expressions:
         if name in TESTS:
             return f"{name.removeprefix('np.')}({self.listed(node.args)}) != 0", EQUALITY
         if isinstance(node.func, ast.Attribute) and of_module(node.func):
-            if node.func.attr not in FUNCTIONS:
-                raise Untranslatable(f"{name}: expected one of {', '.join(FUNCTIONS)}")
+            if node.func.attr not in EXACT_FUNCTIONS:
+                raise Untranslatable(f"{name}: expected one of {', '.join(EXACT_FUNCTIONS)}")
             return f"{node.func.attr}({self.listed(node.args)})", ATOM
         if name in BY_HAND:
             return f"{name}({self.listed(node.args)})", ATOM

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from .inference import Inference
 
 Fact = Any  # int, float, bool; an array that never changes; a tuple of an array's extents, None where unknown; None
-NUMBERS = (bool, int, float)
-MOST = 64    # facts among which one is
+PLAIN_NUMBERS = (bool, int, float)
+MOST_FACTS = 64  # facts among which one is
 OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod, ast.Eq: operator.eq, ast.NotEq: operator.ne,
@@ -46,14 +46,14 @@ def among(facts: Iterable[Fact]) -> Fact:
     """What is one of these facts; None if one of them is not known, or of too many."""
     parts = [part for fact in facts for part in (fact.facts if isinstance(fact, Among) else (fact,))]
     distinct = {repr(part): part for part in parts}
-    if any(part is None for part in parts) or not 0 < len(distinct) <= MOST:
+    if any(part is None for part in parts) or not 0 < len(distinct) <= MOST_FACTS:
         return None
     return parts[0] if len(distinct) == 1 else Among(tuple(distinct[key] for key in sorted(distinct)))
 
 
 def fact_of(value: Any) -> Fact:
     """What a value of Python says."""
-    if isinstance(value, (np.generic, *NUMBERS)):
+    if isinstance(value, (np.generic, *PLAIN_NUMBERS)):
         return value.item() if isinstance(value, np.generic) else value
     if isinstance(value, tuple) and not hasattr(value, "_fields"):
         value = np.array(value)
@@ -62,11 +62,11 @@ def fact_of(value: Any) -> Fact:
 
 def shared(a: Fact, b: Fact) -> Fact:
     """What two calls have in common."""
-    if isinstance(a, Among) and isinstance(b, (Among, *NUMBERS)):
-        if all(isinstance(each, NUMBERS) for each in a.facts):
+    if isinstance(a, Among) and isinstance(b, (Among, *PLAIN_NUMBERS)):
+        if all(isinstance(each, PLAIN_NUMBERS) for each in a.facts):
             return among([a, b])
         return a if repr(a) == repr(b) else None
-    if isinstance(a, NUMBERS) or isinstance(b, NUMBERS):
+    if isinstance(a, PLAIN_NUMBERS) or isinstance(b, PLAIN_NUMBERS):
         return a if type(a) is type(b) and repr(a) == repr(b) else None
     if a is None or b is None or a is b:
         return a if a is b else None
@@ -108,7 +108,7 @@ class Facts:
     def number(self, node: ast.expr | None) -> Any:
         """The number or truth value of an expression; None where it is not known."""
         fact = None if node is None else self(node)
-        return fact if isinstance(fact, NUMBERS) else None
+        return fact if isinstance(fact, PLAIN_NUMBERS) else None
 
     def options(self, node: ast.expr | None) -> tuple[Any, ...] | None:
         """The numbers that an expression may be in the turns of the loops around it; None where one is not known."""
@@ -123,9 +123,9 @@ class Facts:
             found.append(self(node))
         self.given, self.kept, self.ranges = before
         fact = among(found)
-        if isinstance(fact, Among) and isinstance(fact.facts[0], NUMBERS):
+        if isinstance(fact, Among) and isinstance(fact.facts[0], PLAIN_NUMBERS):
             return fact.facts
-        return (fact,) if isinstance(fact, NUMBERS) else None
+        return (fact,) if isinstance(fact, PLAIN_NUMBERS) else None
 
     def _reads(self, node: ast.expr) -> set[str]:
         """The names that an expression hangs on, through names that are assigned once."""
@@ -173,7 +173,7 @@ class Facts:
         if node.id in self.given:
             return self.given[node.id]
         fact = self(self.once[node.id]) if node.id in self.once else None
-        if isinstance(fact, NUMBERS) and self.kinds.names[node.id] not in (INTEGER, TRUTH):
+        if isinstance(fact, PLAIN_NUMBERS) and self.kinds.names[node.id] not in (INTEGER, TRUTH):
             return float(fact)
         return fact
 
@@ -220,7 +220,7 @@ class Facts:
             return None
         choices = [range(n) if is_open else [place]
                    for is_open, place, n in zip(open_, places, tables[0].shape, strict=False)]
-        if len(tables) * math.prod(map(len, choices)) > MOST:
+        if len(tables) * math.prod(map(len, choices)) > MOST_FACTS:
             return None
         found = [table[place] for table in tables for place in itertools.product(*choices)]
         return among(part if isinstance(part, np.ndarray) else part.item() for part in found)

@@ -9,8 +9,8 @@ from .folding import Fact, Facts
 from .kinds import (
     FLOAT,
     INTEGER,
-    NOTHING,
     TRUTH,
+    VOID,
     Array,
     Called,
     Kind,
@@ -24,7 +24,7 @@ from .kinds import (
     loosened,
 )
 
-PASSES = 8             # a kernel whose kinds do not settle in so many has a variable that changes its kind
+INFERENCE_PASSES = 8   # a kernel whose kinds do not settle in so many has a variable that changes its kind
 TESTS = ("np.isfinite", "np.isnan", "np.isinf")
 MODULES = ("np", "math")
 BY_HAND: dict[str, Kind] = {  # written in C by hand: seals, powers of two
@@ -65,14 +65,14 @@ class Inference:
         self.facts = Facts(self, tree, dict(zip(names, given, strict=True)))
         self.result: Kind | None = None
         self.settled, self.kept = False, dict[int, tuple[ast.expr, Kind]]()
-        for _ in range(PASSES):
+        for _ in range(INFERENCE_PASSES):
             before = dict(self.names), self.result
             self._read_all(tree.body)
             if before == (self.names, self.result):
                 break
         else:
             raise Untranslatable(f"{tree.name}: the kinds of its variables do not settle")
-        self.result, self.settled = self.result or NOTHING, True
+        self.result, self.settled = self.result or VOID, True
 
     # ---- statements
 
@@ -121,7 +121,7 @@ class Inference:
             if isinstance(node.target, ast.Name):
                 self._bind(node.target, kind)
         elif isinstance(node, ast.Return):
-            kind = NOTHING if node.value is None else self.of(node.value)
+            kind = VOID if node.value is None else self.of(node.value)
             self.result = join(self.result, kind)
         elif isinstance(node, ast.Expr):
             if not isinstance(node.value, ast.Constant):

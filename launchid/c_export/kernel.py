@@ -15,8 +15,8 @@ from .kinds import (
     DIMENSIONS,
     FLOAT,
     INTEGER,
-    NOTHING,
     TRUTH,
+    VOID,
     Array,
     Called,
     Kind,
@@ -30,11 +30,11 @@ from .scopes import changed, first_assignments, walk
 INDENT = "    "
 ZERO: dict[Kind, str] = {FLOAT: "0.0", INTEGER: "0", TRUTH: "false"}
 NOWHERE: dict[type, str] = {Struct: "NULL"}
-UNUSED = "_"
-SHORT = 16             # turns of a loop that are gone through to see whether a test in it has one answer
+UNUSED_NAME = "_"
+TURNS_TRIED = 16       # turns of a loop that are gone through to see whether a test in it has one answer
 PURE = {"modulo", "quotient", "counted", "as_real", "as_whole", "fabs", "sqrt", "floor", "min_double", "max_double",
         "min_integer", "max_integer"}
-GIVEN = "{}_given"     # an argument that the kernel changes: its own copy has the name
+CHANGED_ARGUMENT = "{}_given"  # an argument that the kernel changes: its own copy has the name
 
 
 def _names(nodes: Sequence[ast.AST], context: type) -> set[str]:
@@ -81,7 +81,7 @@ def rename_counters(tree: ast.FunctionDef) -> None:
               and id(node) not in targets} | {argument.arg for argument in tree.args.args}
     for number, loop in enumerate(loops, start=1):
         name = loop.target.id  # type: ignore[attr-defined]
-        if name not in stored or name == UNUSED or name in _names(loop.body, ast.Store):
+        if name not in stored or name == UNUSED_NAME or name in _names(loop.body, ast.Store):
             continue
         for node in (each for part in (loop.target, *loop.body) for each in walk(part)):
             if isinstance(node, ast.Name) and node.id == name:
@@ -152,7 +152,7 @@ class Kernel:
             around = self.kinds.facts.ranges
             if isinstance(node, ast.For) and isinstance(node.target, ast.Name):
                 through = self.kinds.facts.range_of(node)
-                if through is not None and len(through) <= SHORT:
+                if through is not None and len(through) <= TURNS_TRIED:
                     self.kinds.facts.ranges = around | {node.target.id: through}
             if isinstance(node, (ast.If, ast.For)):
                 node.body, node.orelse = self._alive(node.body), self._alive(node.orelse)
@@ -177,7 +177,7 @@ class Kernel:
                       else [target])]
             for each in names:
                 if isinstance(each, ast.Name) and each.id not in read:
-                    each.id = UNUSED
+                    each.id = UNUSED_NAME
 
     def _answer(self) -> Fact:
         """The one number that it returns, if it does nothing else."""
@@ -209,11 +209,11 @@ class Kernel:
         given = dict(self.written(zip(names, self.arguments, strict=True)))
         stored = _names(self.tree.body, ast.Store)
         arguments = ", ".join(
-            typed(self.unit.c(kind), GIVEN.format(name) if name in stored else word(name))
+            typed(self.unit.c(kind), CHANGED_ARGUMENT.format(name) if name in stored else word(name))
             for name, kind in given.items()) or "void"
         result = self.kinds.result
         assert result is not None
-        own = [f"{INDENT}{typed(self.unit.c(kind), word(name))} = {GIVEN.format(name)};"
+        own = [f"{INDENT}{typed(self.unit.c(kind), word(name))} = {CHANGED_ARGUMENT.format(name)};"
                for name, kind in given.items() if name in stored]
         body = "\n".join([*own, *self.lines])
         head = f"static {typed(self.unit.c(result), self.name)}({arguments})"
@@ -238,7 +238,7 @@ class Kernel:
         """The declarations of local variables that no assignment can declare."""
         declared = set().union(*self.first.values()) if self.first else set()
         known = {name for name in self.kinds.names if self._is_known(ast.Name(name, ast.Load()))}
-        left_out = {*arguments, *self._counters(), *self.local_arrays, *declared, *known, UNUSED}
+        left_out = {*arguments, *self._counters(), *self.local_arrays, *declared, *known, UNUSED_NAME}
         return [f"{INDENT}{typed(self.unit.c(kind), word(name))} = {ZERO.get(kind, NOWHERE.get(type(kind), '{0}'))};"
                 for name, kind in self.kinds.names.items() if name not in left_out]
 
@@ -280,7 +280,7 @@ class Kernel:
 
     def _expr(self, node: ast.Expr, depth: int) -> None:
         if not isinstance(node.value, ast.Constant):
-            unread = "" if self.kinds.of(node.value) == NOTHING else "(void)"
+            unread = "" if self.kinds.of(node.value) == VOID else "(void)"
             self._line(depth, f"{unread}{self.c(node.value)};")
 
     def _return(self, node: ast.Return, depth: int) -> None:
@@ -324,7 +324,7 @@ class Kernel:
         if moves or stored & _names([high], ast.Load):
             end = self._temporary("end")
             self._line(depth, f"const int64_t {end} = {self.c(high)};")
-        i = self._temporary("pass") if node.target.id == UNUSED else word(node.target.id)
+        i = self._temporary("pass") if node.target.id == UNUSED_NAME else word(node.target.id)
         self._line(depth, f"for (int64_t {i} = {low}; {i} {'<' if step > 0 else '>'} {end}; "
                           f"{i}{'++' if step > 0 else '--'}) {{")
         self._block(node.body, depth + 1)
@@ -340,7 +340,7 @@ class Kernel:
     def _augassign(self, node: ast.AugAssign, depth: int) -> None:
         if type(node.op) not in SYMBOLS:
             raise Untranslatable(f"{ast.unparse(node)}: expected +=, -=, *= or /=")
-        if isinstance(node.target, ast.Name) and node.target.id == UNUSED:
+        if isinstance(node.target, ast.Name) and node.target.id == UNUSED_NAME:
             return
         value = self.c.turned(node.value, self.kinds.of(node.target))
         self._line(depth, f"{self.c(node.target)} {SYMBOLS[type(node.op)][0]}= {value};")
@@ -349,7 +349,7 @@ class Kernel:
         if len(node.targets) > 1 and not isinstance(node.value, ast.Constant):
             raise Untranslatable(f"{ast.unparse(node)}: expected one target, or a constant")
         for target in node.targets:
-            if isinstance(target, ast.Name) and target.id == UNUSED:
+            if isinstance(target, ast.Name) and target.id == UNUSED_NAME:
                 if any(isinstance(each, ast.Call) for each in walk(node.value)):
                     self._line(depth, f"(void){self.c(node.value)};")
             elif isinstance(target, ast.Tuple):
@@ -383,7 +383,7 @@ class Kernel:
             self._line(depth, f"const {self.unit.c(self.kinds.of(value))} {name} = {self.c(value)};")
             parts = [f"{name}.v{k}" for k in range(len(target.elts))]
         for each, part in zip(target.elts, parts, strict=True):
-            if not (isinstance(each, ast.Name) and each.id == UNUSED) and not self._is_known(each):
+            if not (isinstance(each, ast.Name) and each.id == UNUSED_NAME) and not self._is_known(each):
                 self._line(depth, f"{self._target(each, node)} = {part};")
 
     def _at_once(self, target: ast.Tuple, value: ast.Tuple, depth: int) -> list[str]:

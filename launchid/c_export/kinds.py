@@ -23,11 +23,11 @@ class Scalar:
     c: str
 
 
-FLOAT, INTEGER, TRUTH, NOTHING = Scalar("double"), Scalar("int64_t"), Scalar("bool"), Scalar("void")
+FLOAT, INTEGER, TRUTH, VOID = Scalar("double"), Scalar("int64_t"), Scalar("bool"), Scalar("void")
 DIMENSIONS = "nmk"     # how the C structs call the extents of an array
 ELEMENTS = {"f": FLOAT, "i": INTEGER, "b": TRUTH}
-NAMES = {FLOAT: ("Vector", "Matrix", "Cube"), INTEGER: ("Integers", "IntegerMatrix", "IntegerCube"),
-         TRUTH: ("Truths", "TruthMatrix", "TruthCube")}
+TYPE_NAMES = {FLOAT: ("Vector", "Matrix", "Cube"), INTEGER: ("Integers", "IntegerMatrix", "IntegerCube"),
+              TRUTH: ("Truths", "TruthMatrix", "TruthCube")}
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,12 @@ class Array:
 
     @property
     def c(self) -> str:
-        return ("Const" if self.constant else "") + NAMES[self.element][self.dimensions - 1]
+        return ("Const" if self.constant else "") + TYPE_NAMES[self.element][self.dimensions - 1]
 
 
 def array_types(source: str) -> str:
     """C types of the arrays that a source names."""
-    kinds = (Array(element, dimensions, constant=constant) for element in NAMES
+    kinds = (Array(element, dimensions, constant=constant) for element in TYPE_NAMES
              for dimensions in range(1, len(DIMENSIONS) + 1) for constant in (False, True))
     return "".join(
         f"typedef struct {{ {'const ' if kind.constant else ''}{kind.element.c} *p; "
@@ -147,7 +147,7 @@ def join(a: Kind | None, b: Kind | None) -> Kind | None:
     """The kind that holds both, as numba unifies them."""
     if a is None or b is None or a == b:
         return b if a is None else a
-    if isinstance(a, Scalar) and isinstance(b, Scalar) and NOTHING not in (a, b):
+    if isinstance(a, Scalar) and isinstance(b, Scalar) and VOID not in (a, b):
         return FLOAT if FLOAT in (a, b) else INTEGER
     if isinstance(a, Several) and isinstance(b, Several) and len(a.kinds) == len(b.kinds):
         return Several(tuple(_must(join(x, y)) for x, y in zip(a.kinds, b.kinds, strict=True)))

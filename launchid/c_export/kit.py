@@ -7,7 +7,7 @@ from .program import c_files, template
 from .vectors import Flight, header
 from .wrappers import wrappers
 
-PLAIN = ("example.c", "eva.c", "Makefile", "target.c", "target.ld")  # the same for every configuration
+CONSTANT_FILES = ("example.c", "eva.c", "Makefile", "target.c", "target.ld")  # the same for every configuration
 
 
 def exported(config: Config, flights: list[Flight]) -> dict[str, str]:
@@ -15,5 +15,5 @@ def exported(config: Config, flights: list[Flight]) -> dict[str, str]:
     statuses = ", ".join(f"LAUNCHID_{status.name}" for status in Status)
     vectors = {"flights": len(flights), "samples": sum(map(len, flights))}
     return (c_files(config, vectors=vectors) | {"check.c": template("check.c", {"statuses": statuses})}
-            | {name: template(name, {}) for name in PLAIN} | {"vectors.h": header(config, flights)}
+            | {name: template(name, {}) for name in CONSTANT_FILES} | {"vectors.h": header(config, flights)}
             | wrappers(config))

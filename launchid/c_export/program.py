@@ -14,7 +14,7 @@ import numpy as np
 
 from launchid_core import EDGES, Config, EstimateStatus, Port, Status, port_of
 
-from .expressions import FUNCTIONS
+from .expressions import EXACT_FUNCTIONS
 from .folding import Fact
 from .kinds import ELEMENTS, FLOAT, Array, Kind, Struct, array_types, literal, struct_of
 from .unit import Key, Unit
@@ -25,7 +25,7 @@ BYTES_A_LINE = 20
 STACK_LIMIT = 2048     # bytes of the deepest call at -O2; tests/launchid/c_export/test_port_kit.py computes it
 OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|STATES|GUARD)_([A-Z0-9_]+)\b")
 FIXED, STATE, WORK = "fixed", "state", "work"
-GUARD = f"{STATE}.guard"
+C_GUARD = f"{STATE}.guard"
 
 
 def c_files(config: Config, general: bool = False, vectors: dict[str, int] | None = None) -> dict[str, str]:
@@ -33,7 +33,8 @@ def c_files(config: Config, general: bool = False, vectors: dict[str, int] | Non
     to count what they do of arrays of any extents; vectors: how many `flights` and `samples` it is checked with."""
     program = _Program(config, port_of(config), general)
     header, source = program.header(), program.source()
-    functions = sorted(name for name in (*FUNCTIONS, "fabs", "frexp", "ldexp") if re.search(rf"\b{name}\(", source))
+    functions = sorted(name for name in (*EXACT_FUNCTIONS, "fabs", "frexp", "ldexp")
+                       if re.search(rf"\b{name}\(", source))
     return {"launchid.h": header, "launchid.c": source, "replay.c": template("replay.c", {}),
             "README.md": template("README.md", program.sizes() | {"functions": ", ".join(functions)}
                                   | (vectors or {"flights": 0, "samples": 0}))}
@@ -124,7 +125,7 @@ class _Program:
         for path, array in self._state():
             flat = array.ravel()
             places = np.flatnonzero((flat != 0) | np.signbit(flat) if flat.dtype.kind == "f" else flat != 0)
-            for k in places.tolist() if path != GUARD else ():
+            for k in places.tolist() if path != C_GUARD else ():
                 yield f"    state->{path}[{k}] = {literal(flat[k])};\n"
 
     def _seal(self) -> str:
@@ -172,7 +173,7 @@ class _Program:
                  for path, array in self._state() if array.size]
         saves, restores = ("".join(f"    at = {does}_{kind}(saved, at, state->{path}, {n}U);\n"
                                    for path, n, kind in kinds) for does in ("put", "take"))
-        saves = saves.replace(f"state->{GUARD}", "guard")
+        saves = saves.replace(f"state->{C_GUARD}", "guard")
         return {"preface": ",\n    ".join(rows), "saves": saves, "restores": restores, "seal": self.seal}
 
     def sizes(self) -> dict[str, object]:

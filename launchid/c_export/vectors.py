@@ -24,11 +24,11 @@ from sim.nominal import Nominal
 
 from .program import core_module
 
-SEED = 1
+VECTORS_SEED = 1
 FEWEST_SAMPLES = 300   # of a flight
 NO_NUMBER = 0x7FF8000000000000  # every NaN
 OFFSETS = ("thrust_misalignment", "moment", "attitude_bias", "gyro_bias", "nozzle_sensor_bias")
-NAN, INF, HUGE = math.nan, math.inf, 1e300
+NOT_MEASURED, INF, HUGE = math.nan, math.inf, 1e300
 PRIME = 0x100000001B3  # FNV-1a's
 UPSETS = Path(__file__).parent / "upsets.txt"
 
@@ -70,7 +70,7 @@ def flown(nominal: Nominal, config: Config) -> list[Flight]:
     rows = config.rows
     plain = _base(nominal, config, max(2 * rows + 2, FEWEST_SAMPLES))
     half = min(rows // 2, FEWEST_SAMPLES // 2)
-    first = [*plain[:half], plain[half]._replace(theta=NAN), plain[half], plain[half], *plain[half + 3:]]
+    first = [*plain[:half], plain[half]._replace(theta=NOT_MEASURED), plain[half], plain[half], *plain[half + 3:]]
     pieces = rows if config.formulation != "filtered" else min(rows, 60)   # the filter takes one sample like the other
     return [first[:max(rows + 2, FEWEST_SAMPLES)], _faulty(plain), _in_pieces(plain, rows, pieces),
             _base(nominal, config, 700, "control_loss:fraction=0.5,time=3"),
@@ -83,7 +83,8 @@ def _base(nominal: Nominal, config: Config, count: int, *effects: str) -> list[S
     suite = "ideal" if config.formulation == "measured" else "flight"
     try:
         return list(itertools.islice(
-            fly(nominal, SEED, suite, config.sample_period, effects=[from_text(text) for text in effects]), count))
+            fly(nominal, VECTORS_SEED, suite, config.sample_period, effects=[from_text(text) for text in effects]),
+            count))
     except (InputError, UsageError):
         return [_swinging(config.sample_period * k) for k in range(count)]
 
@@ -98,27 +99,28 @@ def _swinging(t: float) -> Sample:
 # ---- faults of single samples
 
 FAULTS: tuple[tuple[int, Callable[[Sample], list[Sample]]], ...] = (  # number of a sample -> what comes in its place
-    (3, lambda s: [s._replace(t=NAN), s._replace(t=INF), s._replace(theta=NAN), s._replace(beta=-INF), s]),
+    (3, lambda s: [s._replace(t=NOT_MEASURED), s._replace(t=INF), s._replace(theta=NOT_MEASURED),
+                   s._replace(beta=-INF), s]),
     (4, lambda s: [s._replace(theta_dot=INF), s._replace(theta_ddot=-INF), s._replace(beta_cmd=INF), s]),
     (5, lambda s: [s._replace(gamma=INF), s._replace(t=HUGE), s._replace(theta=-HUGE), s._replace(beta=HUGE), s]),
     (6, lambda s: [s._replace(theta_dot=HUGE), s._replace(theta_ddot=HUGE), s._replace(beta_cmd=-HUGE), s]),
     (7, lambda s: [s._replace(gamma=HUGE), s, s, *(s._replace(t=s.t - back) for back in (1.0, 0.5, 0.7))]),
-    (12, lambda s: [s._replace(theta_dot=NAN)]),
-    (13, lambda s: [s._replace(beta_cmd=NAN)]),
-    (14, lambda s: [s._replace(theta_dot=NAN, beta_cmd=NAN, gamma=NAN)]),
-    (20, lambda s: [s._replace(gamma=NAN)]),
+    (12, lambda s: [s._replace(theta_dot=NOT_MEASURED)]),
+    (13, lambda s: [s._replace(beta_cmd=NOT_MEASURED)]),
+    (14, lambda s: [s._replace(theta_dot=NOT_MEASURED, beta_cmd=NOT_MEASURED, gamma=NOT_MEASURED)]),
+    (20, lambda s: [s._replace(gamma=NOT_MEASURED)]),
     (21, lambda s: [s._replace(gamma=0.01)]),
     (24, lambda s: [s._replace(gamma=0.02)]),
-    (25, lambda s: [s._replace(gamma=NAN)]),
+    (25, lambda s: [s._replace(gamma=NOT_MEASURED)]),
     (40, lambda s: [s._replace(theta=s.theta + 0.3)]),
     *((k, lambda s: [s._replace(theta=s.theta + 0.3, theta_dot=s.theta_dot + 1.0)]) for k in range(55, 62)),
     *((k, lambda s: []) for k in range(70, 73)),
     *((k, lambda s: []) for k in range(90, 130)),
-    (130, lambda s: [s._replace(theta_dot=NAN, gamma=0.01)]),
+    (130, lambda s: [s._replace(theta_dot=NOT_MEASURED, gamma=0.01)]),
     (140, lambda s: [s._replace(theta=3.1)]),
     (141, lambda s: [s._replace(theta=-3.1)]),
     (142, lambda s: [s._replace(theta=3.1)]),
-    *((k, lambda s: [s._replace(theta_dot=NAN)]) for k in range(150, 165)),
+    *((k, lambda s: [s._replace(theta_dot=NOT_MEASURED)]) for k in range(150, 165)),
 )
 
 
@@ -139,7 +141,7 @@ def _in_pieces(plain: list[Sample], rows: int, count: int) -> Flight:
         at += length + 1
     places = [*range(20), rows - 1, rows - 0.4, *single, *pieces, 6 * rows]
     period = plain[1].t - plain[0].t
-    return [s._replace(t=period * k, theta_dot=NAN if k >= 4 * rows else s.theta_dot)
+    return [s._replace(t=period * k, theta_dot=NOT_MEASURED if k >= 4 * rows else s.theta_dot)
             for k, s in zip(places, itertools.cycle(plain), strict=False)]
 
 
@@ -179,10 +181,10 @@ def folded(words: Iterable[int]) -> int:
 
 def of_window(e: Estimate) -> list[Any]:
     """What leaves with a window, in the order of check.c."""
-    tracked = e.tracked or (False, *(NAN,) * 5)
-    offsets = [x for name in OFFSETS for x in e.offsets.get(name, (NAN, NAN))]
+    tracked = e.tracked or (False, *(NOT_MEASURED,) * 5)
+    offsets = [x for name in OFFSETS for x in e.offsets.get(name, (NOT_MEASURED, NOT_MEASURED))]
     servo = [x for each, shared in zip(e.actuator.values(), e.actuator_corr, strict=True) for x in (*each, shared)] \
-        if e.actuator else [NAN] * 9
+        if e.actuator else [NOT_MEASURED] * 9
     return [int(e.status), e.rows, e.gaps, e.t_start, e.t_end, e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr, e.a6_dot,
             e.k1_dot, e.a6_bound, e.k1_bound, e.condition, *e.xi.ravel().tolist(), *e.support.ravel().tolist(),
             *tracked, e.wind, e.wind_std, *offsets, *servo, *_of_levels(e)]

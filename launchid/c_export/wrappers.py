@@ -8,8 +8,9 @@ from launchid_core import Config, Sample
 from .kinds import literal
 from .program import template
 
-UNITS = {"t": "s", "theta": "rad", "theta_dot": "rad/s", "beta": "rad", "theta_ddot": "rad/s^2", "beta_cmd": "rad",
-         "gamma": "rad"}
+SAMPLE_UNITS = {"t": "s", "theta": "rad", "theta_dot": "rad/s", "beta": "rad", "theta_ddot": "rad/s^2",
+                "beta_cmd": "rad",
+                "gamma": "rad"}
 OUTPUTS = (  # name, unit, of a launchid_estimate
     ("t_end", "s", "t_end"), ("a6", "1/s^2", "a6"), ("k1", "1/s^2", "k1"), ("a6_std", "1/s^2", "a6_std"),
     ("k1_std", "1/s^2", "k1_std"), ("tracked_a6", "1/s^2", "tracked.a6"), ("tracked_k1", "1/s^2", "tracked.k1"),
@@ -23,7 +24,7 @@ def wrappers(config: Config) -> dict[str, str]:
     fields = Sample._fields
     values: dict[str, object] = {
         "n_in": len(fields), "n_out": len(OUTPUTS), "period": literal(config.sample_period),
-        "sample_members": "".join(f"    double {name};  /* {UNITS[name]} */\n" for name in fields),
+        "sample_members": "".join(f"    double {name};  /* {SAMPLE_UNITS[name]} */\n" for name in fields),
         "estimate_members": "".join(f"    double {name};  /* {unit} */\n" for name, unit, _ in OUTPUTS),
         "sample_of_message": ", ".join(f"message->{name}" for name in fields),
         "sample_of_input": ", ".join(f"*u[{k}]" for k in range(len(fields))),
@@ -31,7 +32,7 @@ def wrappers(config: Config) -> dict[str, str]:
         "fill_message": "".join(f"        app.out.{name} = estimate.{path};\n" for name, _, path in OUTPUTS),
         "fill_output": "".join(f"        y[{k}] = estimate.{path};\n" for k, (_, _, path) in enumerate(OUTPUTS)),
         "fill_telemetry": "".join(f"    this->tlmWrite_{name}(estimate.{path});\n" for name, _, path in OUTPUTS),
-        "fpp_arguments": "".join(f"    {name}: F64 @< {UNITS[name]}\n" for name in fields),
+        "fpp_arguments": "".join(f"    {name}: F64 @< {SAMPLE_UNITS[name]}\n" for name in fields),
         "fpp_telemetry": "".join(f"    telemetry {name}: F64 @< {unit}\n" for name, unit, _ in OUTPUTS),
         "cpp_arguments": ",\n        ".join(f"F64 {name}" for name in fields)}
     return {name: template(name, values) for name in FILES}

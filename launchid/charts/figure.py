@@ -17,7 +17,7 @@ from matplotlib.text import Annotation
 
 PIXELS = 88          # an inch: the width of a report over that of its figures
 AROUND = 64          # px of a panel for title, axis and legend
-MOST = 20_000        # points of a curve: of more the lowest and highest of each group are kept
+MOST_POINTS = 20_000  # points of a curve: of more the lowest and highest of each group are kept
 X_DIGITS, Y_DIGITS = 12, 5   # stamps may be since 1970; a picture shows no sixth digit
 DASHES: dict[str, list[int]] = {"-": [], "--": [6, 4], ":": [2, 3], "-.": [8, 3, 2, 3]}
 
@@ -110,8 +110,8 @@ def _words(text: str) -> str:
 
 def _thinned(t: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Indices of the points that are kept."""
-    many = len(x) // (MOST // 2)
-    if len(x) <= MOST:
+    many = len(x) // (MOST_POINTS // 2)
+    if len(x) <= MOST_POINTS:
         return np.arange(len(x))
     whole = many * (len(x) // many)
     rows = x[:whole].reshape(-1, many)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOUR = "#12355b"
-PAGE = "report.html"
+REPORT_FILE = "report.html"
 NO_FIGURES = "There are no figures: they need matplotlib (pip install 'launchid[plots]')."
 Words = Sequence[tuple[str, str]]
 
@@ -50,7 +50,7 @@ def write_report(folder: str | Path, headline: str, above: str, first: str, pict
     figures = drawn(pictures, path)
     write_text(path / json[0], [json[1], "\n"])
     words = table(("word", "meaning"), [(f"<b>{text(word)}</b>", text(meaning)) for word, meaning in glossary])
-    write_text(path / PAGE, [page(headline, above, colour, first, [("Figures", figures), ("Words", words)])])
+    write_text(path / REPORT_FILE, [page(headline, above, colour, first, [("Figures", figures), ("Words", words)])])
 
 
 def drawn(pictures: Mapping[str, Picture], folder: Path) -> str:

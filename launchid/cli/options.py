@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS
 from sim.errors import UsageError, did_you_mean
 
-WITHIN = ("bounded", "declared", "free")   # how far a diagnosis lets noise levels be from the declared
+NOISE_CHOICES = ("bounded", "declared", "free")  # how far a diagnosis lets noise levels be from the declared
 NOMINAL_HELP = "a nominal: a TOML file, or constant | vega_like | greensite_cr826"
 LOG_HELP = ("read this CSV log: columns t, theta, beta [s, rad, rad] and what else was measured; a file, a pipe, - for "
             "standard input, or the name of a measured log of the package such as dfki_pendulum_dircol")

@@ -16,7 +16,7 @@ from sim.result import Columns
 
 from ..results.answer import Answer, flat
 
-HEAD = """# Commands
+PAGE_HEAD = """# Commands
 
 Every command with all its options, as `launchid COMMAND --help` says them; this page is made from the same words.
 Files, units and exit status are in [formats](formats.md), the same from Python in [python](python.md).
@@ -84,7 +84,7 @@ class Effects(Answer):
 def commands_page(parser: argparse.ArgumentParser) -> str:
     """Every command of the parser as a page of Markdown."""
     (commands,) = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
-    parts = [HEAD]
+    parts = [PAGE_HEAD]
     for name, sub in commands.choices.items():
         needed = [_word(action) for action in sub._actions if action.required]
         rows = [f"| {_words(action)} | {_cell(_help(action, sub))} |" for action in sub._actions

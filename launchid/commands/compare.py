@@ -69,7 +69,7 @@ def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict
     import numpy as np
 
     from ..comparison.dispersion import dispersed
-    from ..comparison.flown import LATEST, flown
+    from ..comparison.flown import LATEST_START, flown
     from ..comparison.frequency_response import frequency_responses
     from ..comparison.prediction import predictions
     from ..comparison.result import Beside, Comparison, labels, masked, report
@@ -92,7 +92,7 @@ def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict
                            dispersed(clean, nominal, flights, count) if flights > 0 else None,
                            frequency_responses(clean, nominal)))
     t = log.t[np.isfinite(log.t)]
-    if not 0.0 <= t.min() <= LATEST and any(each.nominal.controller is not None for each in made):
+    if not 0.0 <= t.min() <= LATEST_START and any(each.nominal.controller is not None for each in made):
         said += (f"{log.path}: begins at {t.min():g} s; flights of a nominal begin at 0 s, so none is flown beside it",)
     assert first is not None
     return Comparison(first, made, report(first, made), tuple(dict.fromkeys(said)))

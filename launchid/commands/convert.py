@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..convert.mapping import Map
     from ..log.log import Log
 
-SHOWN = 3   # reasons, of a file that holds nothing
+REASONS_SHOWN = 3  # reasons, of a file that holds nothing
 
 
 def add(commands: Any) -> None:
@@ -102,7 +102,8 @@ def channel_lines(path: str, options: dict[str, Any]) -> tuple[list[str], tuple[
     channels = read_channels(path, options)
     if not channels:
         why = [f"{name} {reason}" for name, reason in channels.unread.items()]
-        raise InputError(f"{path}: it holds no channel of numbers" + (f": {'; '.join(why[:SHOWN])}" if why else ""))
+        raise InputError(f"{path}: it holds no channel of numbers" + (f": {'; '.join(why[:REASONS_SHOWN])}" if why
+                                                                      else ""))
     lines = [f"{one_line(name)}  {_rows(x)}" for name, x in channels.items()]
     lines += [f"{one_line(name)}  not read: it {reason}" for name, reason in channels.unread.items()]
     return lines, tuple(channels.notes)

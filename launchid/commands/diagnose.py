@@ -11,8 +11,8 @@ from ..argument_checks import integer, word
 from ..cli.common import at_least, check_folders, check_outputs, read_nominal, read_noting, tell
 from ..cli.options import (
     LOG_HELP,
+    NOISE_CHOICES,
     NOMINAL_HELP,
-    WITHIN,
     add_command,
     add_map,
     add_outputs,
@@ -44,7 +44,7 @@ def add(commands: Any) -> None:
     sub.add_argument("--bootstrap", type=int, metavar="N",
                      help="diagnose N clean flights of the nominal too, and say how many are not found consistent "
                           "(default %(default)s)")
-    sub.add_argument("--noise", choices=WITHIN,
+    sub.add_argument("--noise", choices=NOISE_CHOICES,
                      help="choose how noise levels are fitted. bounded: within 0.3 to 3 times the nominal's (wind 0 "
                           "to 2 times); declared: fixed at the nominal's; free: without limits (default %(default)s)")
     add_report(sub, "verdict.json, extension.toml")
@@ -95,7 +95,7 @@ def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | Non
     from ..log.check import checked, ideal_note
     from ..progress import report as show
     from ..sources import load_nominal, read_log
-    bootstrap, noise = integer("--bootstrap", bootstrap, 0), word("--noise", noise, WITHIN)
+    bootstrap, noise = integer("--bootstrap", bootstrap, 0), word("--noise", noise, NOISE_CHOICES)
     log, nominal = read_log(log, ("t",)), load_nominal(nominal)
     second = None if holdout is None else read_log(holdout, ("t",))
     for each in (log, second):
@@ -135,9 +135,9 @@ class Diagnosed(Answer):
         return flat(rows) or {name: [] for name in ("cause", "where", "parameter", "value", "std", "unit")}
 
     def _figure(self) -> Figure:
-        from ..diagnosis.report.figures import DRAWN, drawable
+        from ..diagnosis.report.figures import REPORT_FIGURES, drawable
         for name in drawable(self.diagnosis):
-            if figure := DRAWN[name](self.diagnosis):
+            if figure := REPORT_FIGURES[name](self.diagnosis):
                 return figure
         return super()._figure()
 

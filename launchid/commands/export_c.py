@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sim.errors import UsageError
 
-from ..argument_checks import WINDOW
+from ..argument_checks import DEFAULT_WINDOW
 from ..cli.common import check_folders, read_nominal
 from ..cli.options import NOMINAL_HELP, add_choices, add_command, given
 from ..cli.terminal import say
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
     say(result.summary(args.out) + replaced)
 
 
-def export_c(nominal: NominalSource, *, window: float = WINDOW, period: float | None = None,
+def export_c(nominal: NominalSource, *, window: float = DEFAULT_WINDOW, period: float | None = None,
              formulation: str | None = None, library: str = "rigid-body", solver: str = "stls",
              threshold: float | None = None, compression: int = 1, seed: int = 0, noise: str = "estimated",
              **further: Any) -> Exported:

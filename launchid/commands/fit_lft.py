@@ -107,7 +107,7 @@ def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float =
         flights.append(greybox.deviations(seen, nominal))
     fit = greybox.fit(flights, share, confidence, profile)
     ranges = {name: {key: getattr(each, key) for key in ("sigma", "method", "spread", "within", "noise", "held")}
-              for name, each in zip(level.PARAMETERS, fit.ranges, strict=True)}
+              for name, each in zip(level.UNCERTAIN_PARAMETERS, fit.ranges, strict=True)}
     return FittedRange(fit, greybox.with_range(nominal, fit), {"flights": fit.flights, "ranges": ranges}, said)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sim.errors import UsageError
 
-from ..argument_checks import WINDOW, real
+from ..argument_checks import DEFAULT_WINDOW, real
 from ..cli.common import check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
 from ..cli.options import (
     LOG_HELP,
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
     tell(result, args.json, args.plot)
 
 
-def identify(log: LogSource, nominal: NominalSource | None = None, *, window: float | str = WINDOW,
+def identify(log: LogSource, nominal: NominalSource | None = None, *, window: float | str = DEFAULT_WINDOW,
              tracked: bool = False, library: str | None = None, formulation: str | None = None, solver: str = "stls",
              threshold: float | None = None, compression: int = 1, seed: int = 0, noise: str = "estimated",
              strict: bool = False) -> Identification:

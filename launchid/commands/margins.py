@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..argument_checks import WINDOW
+from ..argument_checks import DEFAULT_WINDOW
 from ..cli.common import check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict, given
 from ..results.answer import Answer, flat
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
     tell(result, args.json, args.plot)
 
 
-def margins(log: LogSource, nominal: NominalSource, *, window: float = WINDOW, tracked: bool = False,
+def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_WINDOW, tracked: bool = False,
             strict: bool = False) -> FlightMargins:
     """Return the stability margins of the flight's loop as identified, with 95 % intervals, window by window.
 

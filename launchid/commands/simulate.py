@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sim.errors import UsageError
-from sim.shown import SLOW
+from sim.shown import SLOWEST_PERIOD
 
 from ..argument_checks import integer, real, several
 from ..cli.common import at_least, check_outputs, read_nominal, warn
@@ -144,9 +144,9 @@ def _beside_the_flight(nominal: Nominal, period: float, effects: list[Effect]) -
     assert nominal.simulation is not None  # else it would not have flown
     end = nominal.simulation.duration
     said = profile_note(nominal, end, "the flight")
-    if period > SLOW:
+    if period > SLOWEST_PERIOD:
         said += (f"{nominal.path}: rows {period:g} s apart (sensors.period {nominal.sensors.period:g} s): no launcher "
-                 f"is logged as slowly, expected at most {SLOW:g} s",)
+                 f"is logged as slowly, expected at most {SLOWEST_PERIOD:g} s",)
     begins = {each.name: time for each in (*nominal.effects, *effects)
               if isinstance(time := values(each).get("time"), float) and time >= end}
     return said + tuple(f"{name} begins at {time:g} s, after the flight's end at {end:g} s: it is not in the log"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sim.errors import UsageError
 
-from ..argument_checks import WINDOW
+from ..argument_checks import DEFAULT_WINDOW
 from ..cli.common import check_outputs, check_plot, read_nominal, read_noting, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict, given
 from ..results.answer import Answer, flat
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
     tell(uncertainty(log, nominal, **given(uncertainty, args)), args.json, args.plot)
 
 
-def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = WINDOW,
+def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_WINDOW,
                 strict: bool = False) -> UncertaintyLevel:
     """Return the place of each parameter in its range, window by window, and the time when it left it.
 

@@ -16,7 +16,7 @@ from ..cli.compilation import OFTEN, compile_formulation, cores, end_with_parent
 from ..cli.options import add_command
 from ..cli.terminal import answer, say
 
-ROWS = 1200  # of the log on which the commands run: 12 s
+WARM_ROWS = 1200  # of the log on which the commands run: 12 s
 UNKEPT = 9   # exit status of a part whose kernels cannot be kept
 PARTS = (    # the longest first; each loads what another has compiled
     "filtered", "filtered backwards", "regressions", "diagnose LOG vega_like",
@@ -97,5 +97,5 @@ def compile_part(part: str, folder: str, compiled: Any) -> None:
     own = Path(tempfile.mkdtemp(dir=folder))
     log, out = own / "log.csv", own / "out"
     main(["simulate", "vega_like", "--out", str(log)])
-    log.write_text("".join(log.read_text().splitlines(keepends=True)[:ROWS]))
+    log.write_text("".join(log.read_text().splitlines(keepends=True)[:WARM_ROWS]))
     os._exit(main([{"LOG": str(log), "OUT": str(out)}.get(word, word) for word in part.split()]))

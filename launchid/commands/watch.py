@@ -5,7 +5,7 @@ from typing import Any
 
 from launchid_core import NOISE_LEVELS
 
-from ..argument_checks import WINDOW
+from ..argument_checks import DEFAULT_WINDOW
 from ..cli.common import check_outputs, read_nominal, tell, warn
 from ..cli.options import NOMINAL_HELP, add_command, add_map, add_nominal, add_strict, nominal_of
 from ..cli.terminal import say
@@ -19,7 +19,7 @@ def add(commands: Any) -> None:
                      help="follow a CSV log that grows, a pipe, - for standard input, or rows sent to a port of "
                           "127.0.0.1 (0: any free one)")
     add_nominal(sub, f"identify with {NOMINAL_HELP}", required=True)
-    sub.add_argument("--window", type=float, default=WINDOW, metavar="S",
+    sub.add_argument("--window", type=float, default=DEFAULT_WINDOW, metavar="S",
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--period", type=float, metavar="S",
                      help="set the time between samples [s] (default: the median step of the first 64 rows)")

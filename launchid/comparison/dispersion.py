@@ -1,9 +1,9 @@
 """The place of a log in the dispersions of its nominal.
 
-The nominal flies the log's reference FLIGHTS times, each time with its own a6 and k1 (uniform over [uncertainty], as a
-campaign draws them), servo (normal, by the sigmas of [actuator]), wind, offsets and noise.  At each time, and for the
-largest value of each channel, the log's place is the share of the flights that are below it: uniform over 0 to 1, and
-10 % of the time outside the band of 5 to 95 %, where the log is a flight of that nominal.
+The nominal flies the log's reference DISPERSED_FLIGHTS times, each time with its own a6 and k1 (uniform over
+[uncertainty], as a campaign draws them), servo (normal, by the sigmas of [actuator]), wind, offsets and noise.  At
+each time, and for the largest value of each channel, the log's place is the share of the flights that are below it:
+uniform over 0 to 1, and 10 % of the time outside the band of 5 to 95 %, where the log is a flight of that nominal.
 """
 
 import functools
@@ -18,13 +18,13 @@ from sim.nominal import Nominal
 
 from ..log.log import Log
 from ..monte_carlo.campaign import drawn_delta, run_jobs
-from .flown import CHANNELS, along, at_rows, period_of
+from .flown import FLOWN_CHANNELS, along, at_rows, period_of
 
-FLIGHTS = 200
+DISPERSED_FLIGHTS = 200
 FIRST_SEED = 1_000_000   # of the flights: none that a user is likely to have flown the log with
 SERVO_STREAM = 606       # of the random numbers of the servo
-BAND = (0.05, 0.95)
-SHOWN = 1_000            # times at most at which the flights are kept
+PERCENTILES = (0.05, 0.95)
+TIMES_KEPT = 1_000       # times at most at which the flights are kept
 LEAST_SERVO = 0.1        # of the nominal's frequency and damping ratio: no draw is below it
 
 
@@ -80,30 +80,30 @@ def fly_drawn(nominal: Nominal, t: np.ndarray, there: np.ndarray, period: float,
     craft, *deltas = drawn(nominal, draw.seed)
     factors = dispersion(craft, *deltas) if craft.uncertainty is not None else (1.0, 1.0)
     flight = fly_whole(craft, draw.seed, "flight", period, *factors)
-    columns = np.stack(list(at_rows(flight, t, CHANNELS).values()))
+    columns = np.stack(list(at_rows(flight, t, FLOWN_CHANNELS).values()))
     peaks = np.max(np.abs(np.nan_to_num(np.where(there, columns, 0.0))), axis=1, initial=0.0)
     return columns[:, ::thinning(len(t))], peaks, flight.lost
 
 
 def thinning(rows: int) -> int:
-    """Return the rows from one that is kept to the next, so that at most SHOWN are."""
-    return max(1, -(-rows // SHOWN))
+    """Return the rows from one that is kept to the next, so that at most TIMES_KEPT are."""
+    return max(1, -(-rows // TIMES_KEPT))
 
 
-def dispersed(log: Log, nominal: Nominal, flights: int = FLIGHTS,
+def dispersed(log: Log, nominal: Nominal, flights: int = DISPERSED_FLIGHTS,
               progress: Callable[[int], object] | None = None) -> Dispersed | None:
     """Return the log's place among `flights` dispersed flights; None where the nominal cannot fly (`along`)."""
     craft = along(log, nominal)
     if craft is None:
         return None
-    columns = np.stack([getattr(log, name) for name in CHANNELS])
+    columns = np.stack([getattr(log, name) for name in FLOWN_CHANNELS])
     there = np.isfinite(columns) & np.isfinite(log.t)
     work = functools.partial(fly_drawn, craft, log.t, there, period_of(log, craft))
     made = run_jobs([Draw(FIRST_SEED + k) for k in range(flights)], work, progress=progress)
     series, peaks = np.stack([each[0] for each in made]), np.stack([each[1] for each in made])
     places = {}
     every = thinning(len(log.t))
-    for c, name in enumerate(CHANNELS):
+    for c, name in enumerate(FLOWN_CHANNELS):
         if there[c].any():
             own = float(np.max(np.abs(columns[c, there[c]])))
             places[name] = place(log.t[::every], np.where(there[c], columns[c], np.nan)[::every], series[:, c],
@@ -115,7 +115,8 @@ def place(t: np.ndarray, measured: np.ndarray, flights: np.ndarray, peak: float)
     """Return the place of a channel (m,) among flights (f, m), NaN where one has ended; `peak` as in `Place`."""
     alive = np.isfinite(flights).any(axis=0)
     low, middle, high = (np.full(len(t), np.nan) for _ in range(3))
-    low[alive], middle[alive], high[alive] = np.nanquantile(flights[:, alive], (BAND[0], 0.5, BAND[1]), axis=0)
+    low[alive], middle[alive], high[alive] = np.nanquantile(flights[:, alive], (PERCENTILES[0], 0.5, PERCENTILES[1]),
+                                                            axis=0)
     known = alive & np.isfinite(measured)
     below = np.full(len(t), np.nan)
     below[known] = np.sum(flights[:, known] < measured[known], axis=0) / np.isfinite(flights[:, known]).sum(axis=0)

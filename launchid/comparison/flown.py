@@ -14,8 +14,8 @@ from sim.sections import Guidance, Wind
 
 from ..log.log import Log
 
-CHANNELS = ("theta", "theta_dot", "beta", "beta_cmd")
-LATEST = 1.0   # s, first stamp of a log that begins where a flight does
+FLOWN_CHANNELS = ("theta", "theta_dot", "beta", "beta_cmd")
+LATEST_START = 1.0  # s, first stamp of a log that begins where a flight does
 CHANCE = ("turbulence", "wind_walk")   # effects that are drawn
 
 
@@ -25,7 +25,7 @@ def along(log: Log, nominal: Nominal) -> Nominal | None:
     t = log.t[np.isfinite(log.t)]
     known = np.isfinite(log.t) & np.isfinite(log.theta_ref)
     if nominal.controller is None or nominal.actuator is None or nominal.simulation is None or \
-            (nominal.guidance is None and not known.any()) or not 0.0 <= t.min() <= LATEST:
+            (nominal.guidance is None and not known.any()) or not 0.0 <= t.min() <= LATEST_START:
         return None
     duration = float(t.max()) + min(log.period, nominal.controller.period)
     nominal = replace(nominal, simulation=replace(nominal.simulation, duration=duration))
@@ -56,7 +56,7 @@ def flown(log: Log, nominal: Nominal) -> dict[str, np.ndarray] | None:
     if craft is None:
         return None
     flight = fly_whole(quiet(craft), period=period_of(log, craft))
-    return at_rows(flight, log.t, CHANNELS)
+    return at_rows(flight, log.t, FLOWN_CHANNELS)
 
 
 def period_of(log: Log, nominal: Nominal) -> float:

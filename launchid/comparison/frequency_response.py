@@ -43,16 +43,17 @@ from sim.nominal import Nominal
 
 from ..log.log import Log
 
-SEGMENTS = 8            # lengths of a segment that a log holds, at least
-LONGEST, SHORTEST = 10.0, 2.0   # s, of a segment: frequencies from 1/5 Hz on, and windows in which a6 and k1 are frozen
-FEWEST = 4              # segments that have a spread
+WANTED_SEGMENTS = 8     # lengths of a segment that a log holds, at least
+# s, of a segment: frequencies from 1/5 Hz on, and windows in which a6 and k1 are frozen
+LONGEST, SHORTEST_SEGMENT = 10.0, 2.0
+MIN_SEGMENTS = 4        # segments that have a spread
 LOBE = 2.0              # bins, of the Hann window's main lobe to each side
 FIRST_BIN = 2           # below, the window does not tell a frequency from a mean
-SHARE = 0.8             # of half the sampling rate that is shown
+NYQUIST_SHARE = 0.8     # of half the sampling rate that is shown
 SERVO_TIMES = 3.0       # of the servo's frequency: beyond it nothing answers
-WHOLE = 0.98            # of a segment's rows that are measured; the rest lies on lines
+MEASURED_SHARE = 0.98   # of a segment's rows that are measured; the rest lies on lines
 HANN_OVERLAP = 1.0 / 36.0   # squared correlation of neighbouring Hann segments that overlap by half (Welch 1967)
-MOVING = 1e-9           # of an instrument's variance over its mean square: less is a constant
+MOVING_VARIANCE = 1e-9  # of an instrument's variance over its mean square: less is a constant
 COHERENT = 0.6          # that a frequency is usable from (Tischler and Remple)
 PREWHITENED = 2         # differences of a loop that a reference of ramps moves
 PAIRS = (("beta", "theta_ddot"), ("beta_cmd", "beta"))
@@ -101,7 +102,7 @@ def frequency_responses(log: Log, nominal: Nominal) -> list[Response]:
         if spectra is None:
             continue
         gain, std, coherence = estimated(spectra)
-        top = SHARE / (2.0 * log.period)
+        top = NYQUIST_SHARE / (2.0 * log.period)
         if nominal.actuator is not None:
             top = min(top, SERVO_TIMES * nominal.actuator.frequency / (2.0 * np.pi))
         kept = np.flatnonzero((spectra.frequency <= top) & np.isfinite(gain))
@@ -120,7 +121,7 @@ def instrument(log: Log, nominal: Nominal) -> tuple[str | None, np.ndarray | Non
     test = np.zeros(len(t)) if nominal.test_input is None else nominal.test_input.at(t)
     for name, series in (("test_input", test), ("theta_ref", log.theta_ref)):
         known = series[np.isfinite(series)]
-        if len(known) and np.var(known) > MOVING * np.mean(known**2):
+        if len(known) and np.var(known) > MOVING_VARIANCE * np.mean(known**2):
             return name, series
     return None, None
 
@@ -128,7 +129,7 @@ def instrument(log: Log, nominal: Nominal) -> tuple[str | None, np.ndarray | Non
 def transforms(log: Log, source: str, to: str, series: np.ndarray | None, order: int = 0,
                lines: Sequence[float] = ()) -> Spectra | None:
     """Return the windowed transforms of a log's segments, of those that are measured nearly everywhere; None without
-    FEWEST of them.
+    MIN_SEGMENTS of them.
 
     source, to   columns;  theta_ddot is made of theta_dot where it is not measured
     series       (n,) the instrument; None: the input;  order  how often all are differenced before
@@ -140,7 +141,7 @@ def transforms(log: Log, source: str, to: str, series: np.ndarray | None, order:
     t, period = log.t[usable], log.period
     if len(t) < 2 or np.any(np.diff(t) <= 0.0):
         return None
-    rows = round(min(LONGEST, max(SHORTEST, (t[-1] - t[0]) / SEGMENTS)) / period)
+    rows = round(min(LONGEST, max(SHORTEST_SEGMENT, (t[-1] - t[0]) / WANTED_SEGMENTS)) / period)
     grid = t[0] + period * np.arange(round((t[-1] - t[0]) / period) + 1)
     nearest = np.clip(np.searchsorted(t, grid - 0.5 * period), 0, len(t) - 1)
     columns = np.stack([getattr(log, source), getattr(log, to), getattr(log, source) if series is None else series])
@@ -150,8 +151,9 @@ def transforms(log: Log, source: str, to: str, series: np.ndarray | None, order:
         return None
     on_grid = np.stack([np.interp(grid, grid[there], x[there]) for x in on_grid])
     on_grid, there = np.diff(on_grid, n=order, axis=1), there[order:]
-    starts = [k for k in range(0, len(there) - rows + 1, max(1, rows // 2)) if np.mean(there[k:k + rows]) >= WHOLE]
-    if len(starts) < FEWEST or rows < 4 * FIRST_BIN:
+    starts = [k for k in range(0, len(there) - rows + 1, max(1, rows // 2))
+              if np.mean(there[k:k + rows]) >= MEASURED_SHARE]
+    if len(starts) < MIN_SEGMENTS or rows < 4 * FIRST_BIN:
         return None
     angle = 2.0 * np.pi * np.arange(rows) / rows
     window, slope = 0.5 - 0.5 * np.cos(angle), np.pi / (rows * period) * np.sin(angle)

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from ..charts.markup import table, text
 from ..charts.report import Picture, write_report
-from .flown import CHANNELS
+from .flown import FLOWN_CHANNELS
 from .prediction import HORIZONS
-from .result import BIASED, UNITS, Comparison
+from .result import BIASED, RESPONSE_UNITS, Comparison
 
 CAPTIONS = {  # file: heading, and how to read it
     "comparison.png": ("Measured and simulated",
@@ -37,8 +37,8 @@ GLOSSARY = (
 
 def pictures_of(made: Comparison) -> dict[str, Picture]:
     """Return name of the file -> picture."""
-    from .figures import DRAWN
-    return {name: Picture(*CAPTIONS[name], functools.partial(draw, made)) for name, draw in DRAWN.items()}
+    from .figures import COMPARISON_FIGURES
+    return {name: Picture(*CAPTIONS[name], functools.partial(draw, made)) for name, draw in COMPARISON_FIGURES.items()}
 
 
 def write_comparison(made: Comparison, folder: str | Path) -> None:
@@ -51,7 +51,7 @@ def write_comparison(made: Comparison, folder: str | Path) -> None:
 def summary_table(made: Comparison) -> str:
     """The first screen: fit and coefficient of each channel and nominal, and its place in the dispersions."""
     rows = []
-    for name in CHANNELS:
+    for name in FLOWN_CHANNELS:
         for said in made.report["nominals"]:
             if name not in said["channels"]:
                 continue
@@ -60,7 +60,7 @@ def summary_table(made: Comparison) -> str:
             last = found["ahead"].get(f"{HORIZONS[-1]:g}")
             noise = "-" if last is None or last["noise_fit"] is None else f"{last['noise_fit']:.1f} %"
             place = found["percentile"]
-            rows.append((f"{name} [{UNITS[name]}]", text(said["nominal"]), *cells[:3], noise, cells[3], *(
+            rows.append((f"{name} [{RESPONSE_UNITS[name]}]", text(said["nominal"]), *cells[:3], noise, cells[3], *(
                 ("-", "-") if place is None or place["share_outside_90"] is None else
                 (f"{100.0 * place['share_outside_90']:.0f} %", f"{100.0 * place['peak']:.0f} %"))))
     lines = "".join(f"<p class=\"note\">{text(line)}</p>" for line in (*made.response_lines(), *made.warnings))

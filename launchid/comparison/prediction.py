@@ -30,9 +30,9 @@ from ..log.log import Log
 
 HORIZONS = (0.1, 0.5, 1.0)   # s
 SPACING = 0.1    # s from one start to the next
-SETTLED = 1.0    # s after which the filter has forgotten that it knew nothing
+FILTER_SETTLED = 1.0  # s after which the filter has forgotten that it knew nothing
 NO_MOMENT = -27.6   # logarithm of a level [rad/s^2] that is none
-NEAR = 0.05      # of a horizon by which whole rows may miss it
+HORIZON_TOLERANCE = 0.05  # of a horizon by which whole rows may miss it
 
 
 class Predicted(NamedTuple):
@@ -61,14 +61,15 @@ def predictions(log: Log, nominal: Nominal, data: DataCheck) -> Predictions:
     r = _record(log, nominal, data)
     m = _filtered(r)
     spacing = max(1, round(SPACING / r.period))
-    rows = {h: round(h / r.period) for h in HORIZONS if abs(round(h / r.period) * r.period / h - 1.0) <= NEAR}
+    rows = {h: round(h / r.period) for h in HORIZONS
+            if abs(round(h / r.period) * r.period / h - 1.0) <= HORIZON_TOLERANCE}
     if not rows:
         return {}
     most = max(rows.values())
     start = np.arange(0, r.rows - 1, spacing)
     errors, variances = m.ahead(start, np.arange(1, most + 1))
     ahead = start[:, None] + np.arange(1, most + 1)
-    inside = (ahead < r.rows) & (start[:, None] * r.period >= SETTLED)
+    inside = (ahead < r.rows) & (start[:, None] * r.period >= FILTER_SETTLED)
     ahead = np.minimum(ahead, r.rows - 1)
     predicted = r.z[ahead] - errors
     made: Predictions = {}
@@ -125,7 +126,7 @@ def _commands(r: Record, start: np.ndarray, theta: np.ndarray) -> np.ndarray | N
     law, actuator = r.nominal.controller, r.nominal.actuator
     known = np.isfinite(r.reference) & np.isfinite(r.z[:, 0])
     if law is None or actuator is None or law.is_rate_law or law.filters or r.input != "beta_cmd" or not known.any() \
-            or r.every != r.tick or r.held > 1 or abs(r.period / law.period - 1.0) > NEAR:
+            or r.every != r.tick or r.held > 1 or abs(r.period / law.period - 1.0) > HORIZON_TOLERANCE:
         return None
     changes, tau = packed(r.nominal), law.derivative_time_constant
     kp, kd, lag = changes.kp_scale * law.kp, changes.kd_scale * law.kd, changes.computing_time / law.period

@@ -15,19 +15,19 @@ from ..log.detect import DataCheck
 from ..log.log import Log
 from ..results.answer import Answer, flat
 from .dispersion import Dispersed
-from .flown import CHANNELS
+from .flown import FLOWN_CHANNELS
 from .frequency_response import COHERENT, Response
 from .prediction import HORIZONS, Predictions
-from .statistics import NONE, Statistics, statistics
+from .statistics import NO_STATISTICS, Statistics, statistics
 
 if TYPE_CHECKING:
     from sim.result import Figure
 
-UNITS = {"theta": "rad", "theta_dot": "rad/s", "theta_ddot": "rad/s^2", "beta": "rad", "beta_cmd": "rad"}
+RESPONSE_UNITS = {"theta": "rad", "theta_dot": "rad/s", "theta_ddot": "rad/s^2", "beta": "rad", "beta_cmd": "rad"}
 DECIBEL = 20.0 / math.log(10.0)   # of a relative change
 INTERVAL = 1.96                   # standard deviations: 95 %
-SHOWN = {"fit": ".2f", "noise_fit": ".2f", "rms": ".3g", "largest": ".3g", "tic": ".4f", "bias": ".2f",
-         "variance": ".2f", "covariance": ".2f"}
+NUMBER_FORMATS = {"fit": ".2f", "noise_fit": ".2f", "rms": ".3g", "largest": ".3g", "tic": ".4f", "bias": ".2f",
+                  "variance": ".2f", "covariance": ".2f"}
 BEYOND_NOISE = 1.2                # times the error that noise makes, from which a cause is worth looking for
 BIASED = "in closed loop it is drawn towards the controller's inverse, the more the lower the coherence"
 
@@ -62,15 +62,16 @@ class Comparison(Answer):
                  f"{'TIC':>7}{'bias':>7}{'var.':>7}{'cov.':>7}"]
         for row in self._rows():
             fit, noise, rms, largest, *shares = ("-" if row[key] is None else f"{row[key]:{form}}"
-                                                 for key, form in SHOWN.items())
+                                                 for key, form in NUMBER_FORMATS.items())
             lines.append(f"{row['channel']:<10}{row['of']:<12}{row['nominal']:<20}{fit:>8}{noise:>8}{rms:>11}"
-                         f"{largest:>11}  {UNITS[row['channel']]:<6}" + "".join(f"{share:>7}" for share in shares))
+                         f"{largest:>11}  {RESPONSE_UNITS[row['channel']]:<6}" + "".join(f"{share:>7}"
+                                                                                         for share in shares))
         return "\n".join([*lines, *self._dispersion_lines(), *self.response_lines(), *self._verdict_lines()])
 
     def _rows(self) -> list[dict[str, Any]]:
         """One row for each channel, prediction or flight, and nominal."""
         rows = []
-        for channel in CHANNELS:
+        for channel in FLOWN_CHANNELS:
             for of in (*(f"{h:g}" for h in HORIZONS), "flown"):
                 for each in self.report["nominals"]:
                     said = each["channels"].get(channel, {"ahead": {}})
@@ -132,8 +133,8 @@ class Comparison(Answer):
 
     def figures(self) -> dict[str, "Figure"]:
         """Name -> matplotlib figure: the comparison, the dispersions, the frequency responses, of what there is."""
-        from .figures import DRAWN
-        return {name: figure for name, make in DRAWN.items() if (figure := make(self)) is not None}
+        from .figures import COMPARISON_FIGURES
+        return {name: figure for name, make in COMPARISON_FIGURES.items() if (figure := make(self)) is not None}
 
     def write_report(self, folder: str | Path) -> None:
         """report.html, compare.json and the figures."""
@@ -169,7 +170,8 @@ def within(response: Response) -> np.ndarray:
 def report(log: Log, made: Sequence[Beside]) -> dict[str, Any]:
     """Return the compare JSON."""
     return {"nominals": [{"nominal": each.label, "channels": {
-        name: _channel(name, getattr(log, name), each) for name in CHANNELS if np.isfinite(getattr(log, name)).any()},
+        name: _channel(name, getattr(log, name), each) for name in FLOWN_CHANNELS
+        if np.isfinite(getattr(log, name)).any()},
         "frequency_response": [_response(response) for response in each.responses]} for each in made]}
 
 
@@ -186,7 +188,7 @@ def _channel(name: str, measured: np.ndarray, each: Beside) -> dict[str, Any]:
 
 
 def _said(found: Statistics) -> dict[str, float | None]:
-    return {key: _json(x) for key, x in (NONE if not math.isfinite(found.rms) else found)._asdict().items()}
+    return {key: _json(x) for key, x in (NO_STATISTICS if not math.isfinite(found.rms) else found)._asdict().items()}
 
 
 def _response(of: Response) -> dict[str, Any]:

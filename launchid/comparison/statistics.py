@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-FEWEST = 2   # values that have a mean and a spread
+MIN_VALUES = 2  # values that have a mean and a spread
 
 
 class Statistics(NamedTuple):
@@ -37,7 +37,7 @@ class Statistics(NamedTuple):
     covariance: float
 
 
-NONE = Statistics(*[math.nan] * len(Statistics._fields))
+NO_STATISTICS = Statistics(*[math.nan] * len(Statistics._fields))
 
 
 def statistics(measured: np.ndarray, simulated: np.ndarray) -> Statistics:
@@ -50,8 +50,8 @@ def statistics(measured: np.ndarray, simulated: np.ndarray) -> Statistics:
     """
     both = np.isfinite(measured) & np.isfinite(simulated)
     z, y = measured[both], simulated[both]
-    if len(z) < FEWEST:
-        return NONE
+    if len(z) < MIN_VALUES:
+        return NO_STATISTICS
     error = z - y
     square, spread = float(np.mean(error**2)), float(np.std(z))
     size = math.sqrt(float(np.mean(z**2))) + math.sqrt(float(np.mean(y**2)))

@@ -24,10 +24,10 @@ from .channels import NOT_ASKED, Channels
 from .mapping import AXES, TIME_UNITS, Map, Source
 from .readers import read_channels
 
-HALF = 0.5        # of the clock's period
+HALF_PERIOD = 0.5  # of the clock's period
 STALE = 3.0       # own periods
-BESIDE = 2.0      # own periods
-ROUNDING = 1.0e-6  # of a period, of stamps that are decimals
+NEIGHBOURING_PERIODS = 2.0  # own periods
+STAMP_ROUNDING = 1.0e-6  # of a period, of stamps that are decimals
 ATTITUDES = ("theta", "theta_ref", "gamma", "alpha")   # what may be logged as 0 to 360 degrees
 TILT = 0.2        # rad: a body turned by so much about another axis loses 2 % (1 - cos) of its turn about this one
 
@@ -221,18 +221,18 @@ def _on_clock(t: np.ndarray, at: np.ndarray, values: np.ndarray, source: Source)
     period, clock = _period(at), _period(np.sort(t[rows]))
     within = source.within
     if source.take == "held":
-        before = np.searchsorted(at, t[rows] + ROUNDING * period, side="right") - 1
+        before = np.searchsorted(at, t[rows] + STAMP_ROUNDING * period, side="right") - 1
         good = (before >= 0) & (t[rows] - at[before] <= (STALE * period if within is None else within))
         out[rows[good]] = values[before[good]]
     elif source.take == "linear":
         after = np.clip(np.searchsorted(at, t[rows]), 1, max(len(at) - 1, 1))
         if len(at) > 1:
-            near = at[after] - at[after - 1] <= (BESIDE * period if within is None else within)
+            near = at[after] - at[after - 1] <= (NEIGHBOURING_PERIODS * period if within is None else within)
             itself = (t[rows] == at[after - 1]) | (t[rows] == at[after])
             good = (t[rows] >= at[after - 1]) & (t[rows] <= at[after]) & (near | itself)
             out[rows[good]] = np.interp(t[rows[good]], at, values)
     else:
-        _give_nearest(t, rows, at, values, HALF * clock if within is None else within, out)
+        _give_nearest(t, rows, at, values, HALF_PERIOD * clock if within is None else within, out)
     return out
 
 
@@ -246,7 +246,7 @@ def _give_nearest(t: np.ndarray, rows: np.ndarray, at: np.ndarray, values: np.nd
     right = np.minimum(right, len(stamps) - 1)
     nearest = np.where(np.abs(at - stamps[left]) <= np.abs(stamps[right] - at), left, right)
     distance = np.abs(at - stamps[nearest])
-    near = np.flatnonzero(distance <= within * (1.0 + ROUNDING))
+    near = np.flatnonzero(distance <= within * (1.0 + STAMP_ROUNDING))
     near = near[np.argsort(-distance[near], kind="stable")]
     out[order[nearest[near]]] = values[near]   # of several for one row the last, which is the nearest, stays
 

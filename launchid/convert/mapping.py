@@ -11,15 +11,15 @@ from sim.errors import InputError
 from sim.files import reads
 from sim.log_table import shown
 
-from ..log.log import OPTIONAL, REQUIRED, SHORTEST
+from ..log.log import OPTIONAL, REQUIRED, SHORTEST_STEP
 from .text import HEAD_LINES
 
 TIME_UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}   # in a second
-ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
-SHORT = {"degrees": "deg", "degree": "deg", "radians": "rad", "radian": "rad"}
-LONG_NAMES = re.compile("|".join(SHORT))
+ANGLE_UNITS = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
+SHORT_UNITS = {"degrees": "deg", "degree": "deg", "radians": "rad", "radian": "rad"}
+LONG_UNIT_NAMES = re.compile("|".join(SHORT_UNITS))
 PER_SECOND = {"theta_dot": "/s", "rate_ref": "/s", "theta_ddot": "/s^2"}  # others are angles
-HELD = ("beta_cmd", "theta_ref", "rate_ref")   # what a computer says holds until it says something else
+HELD_COLUMNS = ("beta_cmd", "theta_ref", "rate_ref")  # what a computer says holds until it says something else
 TAKES = ("nearest", "held", "linear")
 AXES = ("x", "y", "z")
 ORDERS = ("wxyz", "xyzw")
@@ -169,7 +169,7 @@ class _Reader:
             if key in time:
                 raise InputError(f"{self.path}: time.{key} is of stamps, time.period of rows without any; leave one "
                                  "of them out")
-        return self.number("time.period", time["period"], SHORTEST)
+        return self.number("time.period", time["period"], SHORTEST_STEP)
 
     def options(self) -> dict[str, Any]:
         """The options of the file's text ([file])."""
@@ -198,13 +198,13 @@ class _Reader:
         channels, weights, axis, reference = getattr(self, f"of_{given[0]}")(place, table)
         suffix = PER_SECOND.get(name, "")
         if isinstance(table.get("unit"), str):
-            table = table | {"unit": LONG_NAMES.sub(lambda found: SHORT[found[0]], table["unit"])}
-        unit = self.word(place, table, "unit", tuple(f"{angle}{suffix}" for angle in ANGLES), f"rad{suffix}")
+            table = table | {"unit": LONG_UNIT_NAMES.sub(lambda found: SHORT_UNITS[found[0]], table["unit"])}
+        unit = self.word(place, table, "unit", tuple(f"{angle}{suffix}" for angle in ANGLE_UNITS), f"rad{suffix}")
         within = None if "within" not in table else self.number(f"{place}.within", table["within"], 0.0)
         return Source(
             name, channels, weights, axis, reference, self.number(f"{place}.scale", table.get("scale", 1.0)),
-            self.number(f"{place}.offset", table.get("offset", 0.0)), ANGLES[unit.removesuffix(suffix)],
-            self.word(place, table, "take", TAKES, "held" if name in HELD else "nearest"),
+            self.number(f"{place}.offset", table.get("offset", 0.0)), ANGLE_UNITS[unit.removesuffix(suffix)],
+            self.word(place, table, "take", TAKES, "held" if name in HELD_COLUMNS else "nearest"),
             self.word(place, table, "time", None, None), within)
 
     def fits_the_source(self, name: str, place: str, table: dict[str, Any], given: str) -> None:

@@ -21,7 +21,7 @@ LARGEST_CHUNK = 1 << 30   # bytes of an MCAP chunk, unpacked: recorders write me
 DATAFLASH_HEADER = 3      # bytes before a message
 MOST_TALK = 200_000       # pieces of what a library says of damage, two a byte: 100 kB that are no log
 DAMAGED = "{}: the file is damaged; what could be read is used"
-SHOWN = 40                # bytes of a damaged name
+NAME_BYTES = 40           # bytes of a damaged name
 
 
 def _topic(name: str, instance: int) -> str:
@@ -70,7 +70,7 @@ def _walk_definitions(path: str) -> None:
     known: dict[bytes, int] = {}
     for name in formats:
         if _declared(formats, name, known) > ULOG_LONGEST:
-            raise ValueError(f"the format {name[:SHOWN]!r} is longer than a message can be")
+            raise ValueError(f"the format {name[:NAME_BYTES]!r} is longer than a message can be")
 
 
 def _declared(formats: dict[bytes, list[bytes]], name: bytes, known: dict[bytes, int]) -> int:

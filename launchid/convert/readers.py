@@ -30,7 +30,7 @@ MAT_TYPES = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}   # of numbers and char
 MAT_NUMBERS = {4: 1, 5: 3, **dict.fromkeys(range(6, 16), 1)}   # class -> elements of such types: text, sparse, numbers
 DEEPEST = 100             # groups within groups: the library's time grows with the square
 OBJECT = "is a MATLAB object (a table, timeseries, ...); save its columns in MATLAB as plain arrays or a struct of them"
-SAID = 120                # characters of what a library says
+LIBRARY_TEXT = 120        # characters of what a library says
 
 
 def read_channels(path: str, options: dict[str, Any], wanted: Wanted = None) -> Channels:
@@ -70,7 +70,7 @@ def _of_library(path: str, name: str, reader: Callable[[str, Wanted], Channels],
 
 
 def _shortly(error: object) -> str:
-    return (str(error).splitlines() or [""])[0][:SAID]
+    return (str(error).splitlines() or [""])[0][:LIBRARY_TEXT]
 
 
 # ---- Parquet, HDF5, MAT

@@ -26,11 +26,11 @@ from .channels import NOT_ASKED, Channels, Wanted
 HEAD_LINES, HEAD_CHARACTERS = 1000, 1 << 18   # in which a table begins
 BLANKS = " "          # as a delimiter: any run of blanks and tabs
 DELIMITERS = (",", ";", "\t", "|", BLANKS)
-POINTS = (".", ",")
+DECIMAL_POINTS = (".", ",")
 COMMENT = "#%"        # before a header, as numpy.savetxt and MATLAB write it
 EPOCH = datetime(1970, 1, 1)
-LONG_NAMES = 64          # channels, at most, of a table that has one value a row
-PLAIN = re.compile(r"-?[0-9]+(\.[0-9]+)?(e-?[0-9]{1,3})?").fullmatch
+MOST_CHANNELS = 64       # channels, at most, of a table that has one value a row
+PLAIN_NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?(e-?[0-9]{1,3})?").fullmatch
 NO_DATE = int(np.iinfo(np.int64).min)   # numpy's NaT
 
 
@@ -172,7 +172,7 @@ def _layout(path: str, head: list[str], options: dict[str, Any], wanted: Wanted)
         raise InputError(f"{path}: line {line}, the map's [file] header, is not among the first {len(head)}")
     text = "".join(head)
     delimiters = options.get("delimiter") or [each for each in DELIMITERS[:-1] if each in text] + [BLANKS]
-    rows = max((_Rows(head[line or 0:], delimiter, decimal) for decimal in options.get("decimal", POINTS)
+    rows = max((_Rows(head[line or 0:], delimiter, decimal) for decimal in options.get("decimal", DECIMAL_POINTS)
                 for delimiter in delimiters if delimiter != decimal), key=lambda each: each.score)
     if not any(rows.numbers):
         between = f" with {options['delimiter']!r} between cells" if "delimiter" in options else ""
@@ -248,7 +248,7 @@ def _refuse_long(path: str, head: list[str], layout: Layout, wanted: Wanted) -> 
     rows = [cells for cells in lines if len(cells) == len(layout.names)]
     for k, name in enumerate(layout.names):
         held = {row[k] for row in rows}
-        few = 1 < len(held) <= LONG_NAMES and len(layout.names) == 3 and len(rows) > 4 * len(held)
+        few = 1 < len(held) <= MOST_CHANNELS and len(layout.names) == 3 and len(rows) > 4 * len(held)
         is_text = all(number(cell) is None for cell in held)
         if is_text and (few if wanted is None else held & (wanted - set(layout.names))):
             raise InputError(f"{path}: a long table: each row holds one value, and column {shown(name)} says of which "
@@ -283,7 +283,7 @@ class _Numbers:
         self.count, self.decimal, self.odds, self.odd = 0, decimal, 0, ""
 
     def __call__(self, cell: str) -> float:
-        if PLAIN(cell):  # as nearly all are: what `number` does, quickly
+        if PLAIN_NUMBER(cell):  # as nearly all are: what `number` does, quickly
             self.count += 1
             return float(cell)
         value = decimal_number(cell, self.decimal)

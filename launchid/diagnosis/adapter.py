@@ -17,14 +17,14 @@ from .controller.check import ControllerCheck
 from .controller.command import record
 from .controller.gaps import Seen
 from .controller.issued import with_commands
-from .data.record import THETA, Record
+from .data.record import Z_THETA, Record
 from .data.used import Used, shortened, sparser, used
 
 MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
 FEWEST_ROWS = 40       # without which nothing is fitted: twice as many as there are unknown numbers
 FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 ALERT = 30.0           # times the declared acceleration noise, between rows: the plant may be wrong, follow the sensors
-LONGEST_STEP = 0.0067   # s of the filter between two rows: a tenth of a servo's time
+FILTER_STEP = 0.0067    # s of the filter between two rows: a tenth of a servo's time
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +108,12 @@ def follow(record: Record) -> Seen | None:
     m.with_numbers(usual(m), [])
     m.levels[ekf.QA] += math.log(ALERT)
     m.run(m.null)
-    attitude, measured = m.X[:, 0].copy(), np.isfinite(record.z[:, THETA])
+    attitude, measured = m.X[:, 0].copy(), np.isfinite(record.z[:, Z_THETA])
     if not np.all(np.abs(attitude) < record.farthest):
         return None
     if np.count_nonzero(measured) > FEWEST_ROWS:   # what a wrong gyro slowly takes the attitude off
         slow = np.vander(np.linspace(-1.0, 1.0, rows), 3)
-        off = record.z[measured, THETA] - attitude[place[measured]]
+        off = record.z[measured, Z_THETA] - attitude[place[measured]]
         attitude += combined(slow, least_squares(slow[place[measured]], off))
     return Seen(attitude, np.where(np.isfinite(z), m.E, math.nan)[place])
 
@@ -122,7 +122,7 @@ def track_of(r: Record) -> Track:
     """The record on its own stamps."""
     at = np.append(r.at, r.at[-1] + r.every)
     t = r.t[0] + at * r.step
-    sub = max(1, math.ceil(r.period / LONGEST_STEP - 1e-9))
+    sub = max(1, math.ceil(r.period / FILTER_STEP - 1e-9))
     edges = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(sub) / sub).ravel(), t[-1])
     ticks = t[0] + np.arange(len(r.commands) + 1) * (r.tick * r.step)
     middle = 0.5 * (t[:-1] + t[1:]) + r.shift

@@ -8,7 +8,7 @@ from sim.effects import CATALOGUE, effect
 from sim.effects.table import CENTRE
 from sim.nominal import Nominal
 
-from .elimination import LEAST, Z
+from .elimination import MIN_SQUARES_SAVED, Z
 from .gain import Gain
 from .verdict import Named, Result
 
@@ -97,7 +97,8 @@ def report(result: Result) -> dict[str, Any]:
 
 
 def _limits(result: Result) -> dict[str, Any]:
-    """The size of each cause of one number that this log would have shown beside all others: what saves LEAST squares
+    """The size of each cause of one number that this log would have shown beside all others: what saves
+    MIN_SQUARES_SAVED squares
     and is Z standard errors; null where the log tells nothing of it."""
     m, el = result.model, result.elimination
     found: dict[str, Any] = {}
@@ -109,7 +110,7 @@ def _limits(result: Result) -> dict[str, Any]:
         if "#" not in of.name and of.cause not in found and neutral.get(of.parameter, math.nan) == of.null:
             found[of.cause] = {
                 "parameter": of.parameter, "unit": unit_of(of.cause, of.parameter),
-                "size": number(max(Z, math.sqrt(LEAST)) * std + of.tol), "neutral": of.null, "at": {}}
+                "size": number(max(Z, math.sqrt(MIN_SQUARES_SAVED)) * std + of.tol), "neutral": of.null, "at": {}}
     return found
 
 

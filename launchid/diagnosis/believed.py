@@ -11,7 +11,7 @@ import numpy as np
 
 from sim.effects import Changes
 from sim.effects.actuator import PLAY, WASHOUT, slowed
-from sim.effects.environment import GUST, JUMP
+from sim.effects.environment import GUST_KIND, JUMP_KIND
 from sim.effects.plant import parameters
 from sim.flight import packed
 from sim.nominal import Nominal
@@ -101,10 +101,10 @@ def forcing(known: Believed, track: Track, terms: dict[str, float],
     force, shift = np.zeros(len(t)), np.zeros((len(t), 3))
     wind = track.wind.copy()
     for kind, amount, first, second in c.timed:
-        if kind == GUST:
+        if kind == GUST_KIND:
             phase = (t - first) / second
             wind += amount * np.where((phase > 0.0) & (phase < 1.0), 0.5 - 0.5 * np.cos(2.0 * np.pi * phase), 0.0)
-        elif kind == JUMP:
+        elif kind == JUMP_KIND:
             force += amount * np.clip((track.t[1:] - first) / np.diff(track.t), 0.0, 1.0)
         else:
             force += amount * np.sin(first * t + second)

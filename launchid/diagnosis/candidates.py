@@ -13,20 +13,21 @@ from . import filter as ekf
 from .believed import mode
 from .model import CURVES, Model, Number
 
-SIGMAS = 2.5           # of a declared tolerance, within which a number is nobody's fault
+TOLERANCE_SIGMAS = 2.5  # of a declared tolerance, within which a number is nobody's fault
 SWING = 0.3            # rad rms, from which a body that bends from the line is a pendulum
 CYCLES = 10.0          # of a line in a log, fewer are a drift
 LARGEST_SHIFT = 2.0    # of a6, k1 and scales over their nominal value: one sigma of what is believed before a log
 TIMES = 0.1            # s, one sigma of a delay or lag that nobody declared
-LATEST = 1.0           # s, the largest
+LARGEST_DELAY = 1.0    # s, the largest
 SLOSH, BENDING = (1.0, 12.0), (6.0, 300.0)   # rad/s: liquid propellant; a structure
 MODE_STEPS, START_DAMPING = 28, 0.03         # frequencies tried in each range; the damping at which they are tried
-DAMPING = (0.002, 0.2)  # ratios of a mode; beyond it is a filter for anything
+DAMPING_RANGE = (0.002, 0.2)  # ratios of a mode; beyond it is a filter for anything
 GUSTS = (1.5, 2.5, 4.0, 6.0)                 # s, durations tried
-ONSETS = 60            # times tried along a log
+ONSET_TIMES = 60       # times tried along a log
 PLAYS, RATES = (3e-4, 8e-4, 2e-3, 5e-3, 1.5e-2), (0.02, 0.04, 0.07, 0.12, 0.2, 0.35)  # rad; of the fastest command
 
-OFFSETS = ("misalignment", "wind", "moment")  # numbers of one constant moment: only one of them is fitted at a time
+# numbers of one constant moment: only one of them is fitted at a time
+CONSTANT_MOMENTS = ("misalignment", "wind", "moment")
 
 
 # ---- the usual numbers
@@ -38,7 +39,7 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
     a6, k1 = m.a6, m.k1
     has_input = bool(np.any(k1 != 0.0)) or "beta" in m.terms
     both, row = m.has["theta"] and m.has["theta_dot"], float(np.median(m.dt))
-    acc, tol = s.acceleration, SIGMAS * d.tolerance
+    acc, tol = s.acceleration, TOLERANCE_SIGMAS * d.tolerance
     offsets = m.track.nominal.offsets or Offsets()
     span, air = float(m.t[-1] - m.t[0]), m.known
     calm = math.hypot(offsets.attitude_bias, air.initial, air.walk * math.sqrt(span / 3.0),
@@ -73,12 +74,12 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
             size = float(np.sqrt(np.mean(k1**2)))
             unknown = math.hypot(offsets.thrust_misalignment, offsets.moment / size,
                                  calm * float(np.sqrt(np.mean(a6**2))) / size)
-            add("misalignment", 0.0, SIGMAS * unknown, acc / size, "thrust_misalignment", "angle")
+            add("misalignment", 0.0, TOLERANCE_SIGMAS * unknown, acc / size, "thrust_misalignment", "angle")
         else:
-            add("moment", 0.0, SIGMAS * offsets.moment, acc, "missing_term", "1")
+            add("moment", 0.0, TOLERANCE_SIGMAS * offsets.moment, acc, "missing_term", "1")
         if m.is_flown and has_input and float(np.ptp(a6 / np.where(k1 == 0.0, 1.0, k1))) > 0.02 * float(
                 np.max(np.abs(a6 / np.where(k1 == 0.0, 1.0, k1)))):
-            add("wind", 0.0, SIGMAS * calm, acc / float(np.sqrt(np.mean(a6**2))), "steady_wind",
+            add("wind", 0.0, TOLERANCE_SIGMAS * calm, acc / float(np.sqrt(np.mean(a6**2))), "steady_wind",
                 "angle")
     if m.has["theta"] and "sin(theta)" not in m.terms and np.any(a6 != 0.0):
         if s.theta > SWING and not m.is_flown:
@@ -92,7 +93,7 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
         add("inertia", 0.0, 0.0, acc * 0.05**2 / s.beta, "nozzle_inertia", "coefficient")
     if has_input:
         timing = d.timing if m.is_commanded else d.timing + 0.6 * row
-        add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", -2.0 * timing, LATEST, 1e-4 + 0.01 * row)
+        add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", -2.0 * timing, LARGEST_DELAY, 1e-4 + 0.01 * row)
         add("washout", 0.0, 0.002, 2.0, "input_washout", "time_constant", 0.0, 50.0, 1e-3)
     if has_input and m.is_commanded:
         band = min(2.0 * d.timing / max(m.servo.lag, 1e-4), 0.5)
@@ -100,12 +101,12 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
     if has_input and m.is_commanded and m.has["beta"]:
         add("gain", 1.0, 0.0, LARGEST_SHIFT, "actuator_gain", "scale")
         add("null_angle", 0.0, d.command, s.beta, "actuator_bias", "angle")
-        add("nozzle_bias", 0.0, math.hypot(d.command, SIGMAS * offsets.nozzle_sensor_bias), s.beta,
+        add("nozzle_bias", 0.0, math.hypot(d.command, TOLERANCE_SIGMAS * offsets.nozzle_sensor_bias), s.beta,
             "nozzle_sensor_bias", "angle")
     if has_input and not m.is_flown:
-        add("lag", 0.0, d.timing, TIMES, "actuator_bandwidth", "lag", 0.0, LATEST, 1e-4 + 0.02 * row)
+        add("lag", 0.0, d.timing, TIMES, "actuator_bandwidth", "lag", 0.0, LARGEST_DELAY, 1e-4 + 0.02 * row)
     if both:
-        add("gyro_bias", 0.0, SIGMAS * offsets.gyro_bias, s.omega, "gyro_bias", "rate")
+        add("gyro_bias", 0.0, TOLERANCE_SIGMAS * offsets.gyro_bias, s.omega, "gyro_bias", "rate")
         add("gyro_scale", 1.0, 0.0, 0.5, "gyro_scale", "scale", 0.05, 6.0)
         add("gyro_delay", 0.0, d.timing, 0.05, "gyro_delay", "delay", -2.0 * d.timing if m.is_flown else -0.2, 0.4,
             2e-5 + 0.01 * row)
@@ -275,7 +276,7 @@ def _modes(m: Model, span: tuple[float, float]) -> list[tuple[float, ...]]:
 
 def _onsets(m: Model) -> list[tuple[float, ...]]:
     first, last = float(m.t[0]), float(m.t[-2])
-    return [(float(x),) for x in first + (last - first) * np.linspace(0.04, 0.96, ONSETS)]
+    return [(float(x),) for x in first + (last - first) * np.linspace(0.04, 0.96, ONSET_TIMES)]
 
 
 def _pulses(m: Model) -> list[tuple[float, ...]]:
@@ -352,7 +353,7 @@ def _acceleration(m: Model) -> float:
 
 ANYWHEN, LASTING = (0.02, -1e9, 1e9), (0.02, 0.2, 20.0)   # step and range of an event's time and duration [s]
 TONE = ("sine", "cosine", "frequency")
-KINDS = (
+CANDIDATE_KINDS = (
     Kind("control_loss", "control_loss", ("fraction", "time"), 1,
          lambda m, time: [Column(-m.k1 * m.motion[:, 2] * after(m, time))],
          _input_moves, _onsets, lambda m: 0.5, (ANYWHEN,), effective=True, once=True),
@@ -365,10 +366,10 @@ KINDS = (
          _acceleration, ((2e-4, 0.05, 300.0),), "environment"),
     Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh,
          lambda m: m.has["theta"] and m.is_flown, lambda m: _modes(m, SLOSH),
-         bounds=((2e-3, 0.2, 25.0), (1e-3, *DAMPING))),
+         bounds=((2e-3, 0.2, 25.0), (1e-3, *DAMPING_RANGE))),
     Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1, _bending,
          lambda m: m.is_flown and _commanded(m), lambda m: _modes(m, BENDING), lambda m: 0.1,
-         ((2e-2, *BENDING), (1e-3, *DAMPING))),
+         ((2e-2, *BENDING), (1e-3, *DAMPING_RANGE))),
     Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift,
          lambda m: m.has["theta"] and _unstable(m) and not m.track.record.path.size, prior=lambda m: 0.1),
     Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1,

@@ -15,8 +15,8 @@ from .model import KINEMATIC, Model
 from .score import compare, deviations, left_out
 
 Z = 2.3                # standard errors that a number must save on left-out blocks
-LEAST = 8.0            # squares that it must save: 4 nats
-SHARE = 0.05           # of what the full model saves, that it must save
+MIN_SQUARES_SAVED = 8.0  # squares that it must save: 4 nats
+NAME_SHARE = 0.05      # of what the full model saves, that it must save
 EVENT = 28.0           # squares that is to save what fewer errors or no blocks vouch for: it may be the best of many
 BESIDE_EVENT = 0.2     # of what the largest saves, that an event beside it must save: less is the rest of its shape
 FREELY = 2.0           # squares that numbers may cost by the information and go at once, untried
@@ -29,10 +29,10 @@ SHAPE_Z = 4.0          # standard errors that a curve of the motion must save, o
 CLEAR, CLEAR_Z = 0.5, 1.65   # of what the full model saves in a stranger's log, from which so many errors are enough
 ONE_OF = 12.0          # squares by which one of a set of twins may be worse than all of them, to stand for them
 AT_END = 0.01          # of an end of a shape's range, within which it stands at it
-BESIDE = 0.02          # of what a cause saves, within which another in its place does as well
+RIVAL_MARGIN = 0.02    # of what a cause saves, within which another in its place does as well
 ALIKE_Z, TWIN_Z = 1.0, 2.0   # standard errors within which one does as well, and one that correlates beyond TWIN
 TWIN = 0.9             # correlation in the full fit
-RELATED = 0.3          # correlation from which another is tried in its place
+RELATED_CORRELATION = 0.3  # correlation from which another is tried in its place
 
 
 @dataclass(frozen=True)
@@ -158,13 +158,13 @@ class Search:
         if group.name == "inertia" and not self.m.is_commanded and gain < CLEAR * removable:
             return False     # rows of a measured input that moves between them feign a little of it
         if group.is_event:
-            return gain > EVENT and gain > SHARE * removable
+            return gain > EVENT and gain > NAME_SHARE * removable
         if self.m.is_flown and group.name not in KINEMATIC and gain > SHAPE_Z * error:
             removable -= self.by_sensors
         is_clear = not self.m.is_flown and gain > max(CLEAR * removable, EVENT)
         is_curve = not self.m.is_flown and not is_clear and group.name in SHAPES_OF_NUMBERS
         z = CLEAR_Z if is_clear else SHAPE_Z if is_curve else Z
-        return gain > z * error and gain > LEAST and gain > SHARE * removable
+        return gain > z * error and gain > MIN_SQUARES_SAVED and gain > NAME_SHARE * removable
 
     def run(self, p: np.ndarray) -> Elimination:
         """Eliminate from everything free at p."""
@@ -241,7 +241,7 @@ class Search:
                 e = left_out(m, tried)
                 gain, error = compare(m, e, e_end if len(gone) > 1 else best, self.unit)
                 removable = max(square(e_nominal) - square(best), 1e-9)
-                if gain < max(error, LEAST) if len(gone) > 1 else self.is_at_an_end(fit, gone[0]) or \
+                if gain < max(error, MIN_SQUARES_SAVED) if len(gone) > 1 else self.is_at_an_end(fit, gone[0]) or \
                         not self.is_needed(gone[0], gain, error, removable):
                     fit, e_end, live = tried, e, [g for g in live if g not in gone]
                     best = e if square(e) < square(best) else best
@@ -265,16 +265,16 @@ class Search:
                 gain, error = compare(m, e, e_end, self.unit)
                 alike = []
                 for other in self.groups:
-                    if other is g or other in live or self.related(g, other) < RELATED:
+                    if other is g or other in live or self.related(g, other) < RELATED_CORRELATION:
                         continue
                     again = self.with_other(rest, other)
                     ei = left_out(m, again)
                     gi, si = compare(m, ei, e_end, self.unit)
                     is_common = is_rare(g) and not is_rare(other) and not other.is_event and gi < ALIKE_Z * si
-                    is_common |= not g.is_listed and other.is_listed and gi < max(ALIKE_Z * si, BESIDE * gain)
+                    is_common |= not g.is_listed and other.is_listed and gi < max(ALIKE_Z * si, RIVAL_MARGIN * gain)
                     if (gi < -si or is_common) and swap is None and other.name not in SHAPES_OF_NUMBERS:
                         swap = (again, [each for each in live if each is not g] + [other], ei)
-                    if gi < (TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z) * si or gi < BESIDE * gain:
+                    if gi < (TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z) * si or gi < RIVAL_MARGIN * gain:
                         alike.append(other.name)
                 kept.append(Kept(g, gain, error, gain / removable, tuple(alike), rest.p, std))
             if swap is None or turn == 2:
@@ -286,7 +286,7 @@ class Search:
         largest = max((k.gain for k in kept), default=0.0)
         kept = [k for k in kept if not k.group.is_event or k.gain > BESIDE_EVENT * largest]
         gain, error = compare(m, e_nominal, e_end, self.unit)
-        if gain < LEAST or (gain < error and not any(k.group.is_event for k in kept)):
+        if gain < MIN_SQUARES_SAVED or (gain < error and not any(k.group.is_event for k in kept)):
             kept = []
         return tuple(kept), fit, e_end
 

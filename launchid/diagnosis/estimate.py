@@ -9,7 +9,7 @@ from sim.vehicle.kernels import kernel
 from ..sums import along, square
 from .model import Model
 
-SMALL = 0.05           # of the objective: less in a step ends the iterations
+CONVERGED = 0.05       # of the objective: less in a step ends the iterations
 LEVEL_STEP = 1.0       # of a level's logarithm, the largest in a step
 
 
@@ -115,7 +115,7 @@ def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset
             eq = m.white(q)
             value = objective(m, eq, q)
             if value < best:
-                done, moved = best - value < SMALL, True
+                done, moved = best - value < CONVERGED, True
                 rounds -= value > 0.5 * best
                 p, e, best = q, eq, value
                 break

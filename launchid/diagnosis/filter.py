@@ -22,14 +22,14 @@ from sim.vehicle.kernels import apart, kernel
 
 TH, OM, M, G, B, V = range(6)
 N = 6
-SECOND, FIRST = range(2)              # orders of the servo
+SECOND_ORDER_SERVO, FIRST_ORDER_SERVO = range(2)  # orders of the servo
 # what every run reads of the model as one array of numbers
-(DT, DW, SCALE, GYRO, NULL, SOFT, SIN, COS, SQUARE, CUBE, SIGN, CROSS, K2, KAPPA, ORDER, W, ZETA,
- TAU_M, TAU_G, HELD) = range(20)
-CONSTANTS = 20
-U = 6                                 # the command's column in the slopes of a step
+(DT, DW, SCALE, GYRO, NULL, SOFT, SIN, COS, SQUARE, CUBE, SIGN, CROSS, K2, KAPPA, SERVO_ORDER_PLACE, W, ZETA,
+ TAU_M, TAU_G, COMMAND_PERIOD) = range(20)
+N_FILTER_CONSTANTS = 20
+COMMAND_SLOPE = 6                     # the command's column in the slopes of a step
 RT, RW, RB, QA, QC, QM, QG = range(7)  # levels: sensors [unit], densities of acceleration and command, sigmas of m, g
-LOST = 1e7                             # rad or rad/s: a model that ran away is set back to the log
+RAN_AWAY = 1e7                         # rad or rad/s: a model that ran away is set back to the log
 
 
 @apart
@@ -65,7 +65,7 @@ def servo_of(c, h, s):
     s[:] = 0.0
     s[6], s[7], s[8] = h, math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
     w, z = c[W], min(c[ZETA], 0.999)
-    if c[ORDER] == FIRST:
+    if c[SERVO_ORDER_PLACE] == FIRST_ORDER_SERVO:
         s[0] = math.exp(-w * h)
         s[4] = (1.0 - s[0]) / (w * h)
         return
@@ -89,11 +89,11 @@ def _move(x, u, s, f, c1, c2, k, am, ag, c, curved, F, wants):
     if wants:
         q = 0.5 * h * h
         F[0, TH], F[0, OM], F[0, M], F[0, G] = 1.0 + q * at, h + q * aw, q * am, q * ag
-        F[0, B], F[0, V], F[0, U] = q * ab * s[4], q * ab * s[5], q * ab * (1.0 - s[4])
+        F[0, B], F[0, V], F[0, COMMAND_SLOPE] = q * ab * s[4], q * ab * s[5], q * ab * (1.0 - s[4])
         F[1, TH], F[1, OM] = h * at + q * aw * at, max(1.0 + h * aw + q * (at + aw * aw), 0.0)
         F[1, M], F[1, G] = (h + q * aw) * am, (h + q * aw) * ag
         F[1, B], F[1, V] = h * ab * s[4] + c[KAPPA] * s[2], h * ab * s[5] + c[KAPPA] * (s[3] - 1.0)
-        F[1, U] = h * ab * (1.0 - s[4]) - c[KAPPA] * s[2]
+        F[1, COMMAND_SLOPE] = h * ab * (1.0 - s[4]) - c[KAPPA] * s[2]
     x[TH] = th + h * om
     x[OM] = om + h * a
     a2, at, aw, ab = _acceleration(x, f, c1, c2, k, am, ag, b, c, curved)
@@ -162,8 +162,8 @@ def _spread(P, T, F, s, qa, qm, qg):
 def _hold(g, F, s):
     """g (6,) inout over one step: what a unit error of the command has done since it began."""
     th, om, b, v = g[TH], g[OM], g[B], g[V]
-    g[TH] = F[0, TH] * th + F[0, OM] * om + F[0, B] * b + F[0, V] * v + F[0, U]
-    g[OM] = F[1, TH] * th + F[1, OM] * om + F[1, B] * b + F[1, V] * v + F[1, U]
+    g[TH] = F[0, TH] * th + F[0, OM] * om + F[0, B] * b + F[0, V] * v + F[0, COMMAND_SLOPE]
+    g[OM] = F[1, TH] * th + F[1, OM] * om + F[1, B] * b + F[1, V] * v + F[1, COMMAND_SLOPE]
     g[B] = s[0] * b + s[1] * v + 1.0 - s[0]
     g[V] = s[2] * b + s[3] * v - s[2]
 
@@ -186,7 +186,7 @@ def _over_row(h, u, row, c, levels, curved, wants, x, P, T, F, s, g, A):
         servo_of(c, h, s)
     qa, qg = levels[QA] * levels[QA], levels[QG] * levels[QG] * (1.0 - s[8] * s[8])
     qm = levels[QM] * levels[QM] * (h if math.isinf(c[TAU_M]) else 1.0 - s[7] * s[7])
-    held = max(round(c[HELD] / h), 1)
+    held = max(round(c[COMMAND_PERIOD] / h), 1)
     for j in range(sub):
         _move(x, u[j], s, row[0], row[1], row[2], row[3], row[4], row[5], c, curved, F, wants)
         if not wants:
@@ -204,7 +204,8 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
     """Filter a log; or, `frozen`, follow it with the gains that the last filter left in K.
 
     t (n + 1,) times [s], z (n, 3) theta, theta_dot, beta, NaN where not measured; u (n, sub) commands, each the mean
-    over its step; rows (n, 6): f, c1, c2, k, am, ag over each row; c (CONSTANTS,), levels (7,), P0 (6,) variances
+    over its step; rows (n, 6): f, c1, c2, k, am, ag over each row; c (N_FILTER_CONSTANTS,), levels (7,), P0 (6,)
+    variances
     E (n, 3) innovations, S (n, 3) their variances, NaN where none; K (n, 3, 6) gains; X (n, 6) filtered states;
     A (n, 6) slopes of omega' in theta, omega, b with the innovations' own; C (n, 6, 6) covariances of X, or none: out
     """
@@ -266,7 +267,7 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
                 for j in range(i):
                     P[i, j] = P[j, i] = 0.5 * (P[i, j] + P[j, i])
         gap = t[k + 1] - t[k] > 20.0 * whole
-        if gap or not (abs(x[TH]) < LOST and abs(x[OM]) < LOST):
+        if gap or not (abs(x[TH]) < RAN_AWAY and abs(x[OM]) < RAN_AWAY):
             first = True
             x[OM] = 0.0
             if not gap:
@@ -359,7 +360,7 @@ def nozzle_input(u, h, c, lag, washout, play, rate, out):
             m = max(1, math.ceil(w * h[i] / 0.1))
             g, total = h[i] / m, 0.0
             for _ in range(m):
-                if c[ORDER] == FIRST:
+                if c[SERVO_ORDER_PLACE] == FIRST_ORDER_SERVO:
                     nv = min(max(w * (x - b), -rate), rate)
                     total += b + nv / w
                     b += g * nv
@@ -398,7 +399,7 @@ def ahead(t, z, u, rows, c, levels, sub, X, C, starts, spans, out, variances):
                 k += 1
             a = _acceleration(x, rows[k - 1, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], x[B], c,
                               curved)[0]
-            if abs(x[TH]) < LOST and abs(x[OM]) < LOST:
+            if abs(x[TH]) < RAN_AWAY and abs(x[OM]) < RAN_AWAY:
                 out[i, q, 0] = z[end, 0] - x[TH] + c[DT] * x[OM] - 0.5 * c[DT] * c[DT] * a
                 out[i, q, 1] = z[end, 1] - c[SCALE] * (x[OM] - c[DW] * a) - c[GYRO]
                 out[i, q, 2] = z[end, 2] - x[B] - c[NULL]

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from .estimate import Fit
-from .model import FOLDS, PASSES, Model
+from .model import FOLD_PASSES, MODEL_FOLDS, Model
 from .score import fold_fits
 
-HORIZONS = (0.1, 0.3, 1.0)   # of the longest horizon
-LONGEST = 1.0          # s
+HORIZON_SHARES = (0.1, 0.3, 1.0)  # of the longest horizon
+GAIN_HORIZON = 1.0     # s
 TURNS = 1.5            # of the vehicle's own time, over which a prediction says something of its numbers
 SPACING = 0.1          # s between the starts of predictions
 CHANNELS = ("theta", "theta_dot", "beta")
@@ -54,7 +54,7 @@ def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray, is_an
     """(starts, spans, 3) errors ahead, every start under the numbers that its fold was not used for; of another log,
     under the fit's."""
     out = np.full((len(starts), len(spans), 3), np.nan)
-    fold = starts * (FOLDS * PASSES) // m.n % FOLDS
+    fold = starts * (MODEL_FOLDS * FOLD_PASSES) // m.n % MODEL_FOLDS
     for f, p in enumerate([fit.p] if is_another else fold_fits(m, fit)):
         mine = np.arange(len(starts)) if is_another else np.flatnonzero(fold == f)
         m.run(p)
@@ -66,8 +66,8 @@ def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float, is_anot
     """The gain of the final model over the nominal, on blocks left out, or on m's log where that is another one."""
     row = float(np.median(m.dt))
     stiffness = float(np.max(np.abs(m.a6))) + abs(m.terms.get("sin(theta)", 0.0))
-    longest = min(LONGEST, TURNS / math.sqrt(max(stiffness, 1e-6)))
-    spans = np.unique([max(1, round(h * longest / row)) for h in HORIZONS])
+    longest = min(GAIN_HORIZON, TURNS / math.sqrt(max(stiffness, 1e-6)))
+    spans = np.unique([max(1, round(h * longest / row)) for h in HORIZON_SHARES])
     starts = np.arange(max(10, m.n // 200), m.n - 1, max(1, round(SPACING / row)))
     errors = [predictions(m, fit, starts, spans, is_another) for fit in (nominal, final, full)]
     squares: dict[float, dict[str, tuple[float, float, float, float]]] = {}

@@ -11,16 +11,17 @@ from .adapter import Track
 from .believed import believed, forcing
 
 ARC_MINUTE = 2.9e-4    # rad of nozzle: no thrust is aligned better, so a moment that slow and small is nobody's fault
-SLOW = 20.0            # s, the time of that moment: slow beside the vehicle, several times in a flight
-WIND = 0.005           # rad, rad/sqrt(s): of weather that nobody declared, where its fit begins
-SMOOTH = 20.0          # variance of third differences of white noise
+MOMENT_TIME = 20.0     # s, the time of that moment: slow beside the vehicle, several times in a flight
+WIND_LEVEL = 0.005     # rad, rad/sqrt(s): of weather that nobody declared, where its fit begins
+THIRD_DIFFERENCES = 20.0  # variance of third differences of white noise
 WEATHER = {"turbulence": ekf.QG, "wind_walk": ekf.QM}   # causes that are a level
-FOLDS, PASSES, BLOCKS = 6, 3, 24   # folds of the score, times that they go round, stretches for standard errors
+# folds of the score, times that they go round, stretches for standard errors
+MODEL_FOLDS, FOLD_PASSES, SCORE_BLOCKS = 6, 3, 24
 CURVES = {"sin(theta)": ekf.SIN, "cos(theta)": ekf.COS, "theta^2": ekf.SQUARE, "theta^3": ekf.CUBE,
           "sign(theta_dot)": ekf.SIGN, "theta*theta_dot": ekf.CROSS, "beta^2": ekf.K2}
-LINEAR = ("1", "theta", "theta_dot", "beta")
+LINEAR_TERMS = ("1", "theta", "theta_dot", "beta")
 KINEMATIC = ("gyro_bias", "gyro_scale", "gyro_delay")   # say something of the columns alone, and turn no vehicle
-RESOLVED = 0.4         # second over first differences of a measured input, up to which its acceleration is known
+SMOOTH_INPUT = 0.4     # second over first differences of a measured input, up to which its acceleration is known
 RESPONSE_STEP = 0.02   # s, about, of small responses between two rows
 DENSEST = 30.0         # times the declared, up to which a sensor's noise of a stand may be fitted
 LOUDEST = 1e4          # times the declared, of the acceleration of a stand: nominals of others declare what they like
@@ -54,7 +55,7 @@ def filled(x: np.ndarray) -> np.ndarray:
 def white_std(x: np.ndarray) -> float:
     """One sigma of the white part of x, by its third differences; 0 of too few."""
     x = x[np.isfinite(x)]
-    return float(np.std(np.diff(x, 3)) / math.sqrt(SMOOTH)) if len(x) > 10 else 0.0
+    return float(np.std(np.diff(x, 3)) / math.sqrt(THIRD_DIFFERENCES)) if len(x) > 10 else 0.0
 
 
 class Scales(NamedTuple):
@@ -90,7 +91,7 @@ class Model:
         self.law = nominal.controller or track.record.law
         self.is_flown = self.law is not None and nominal.simulation is not None
         u = track.commands
-        self.is_smooth = float(np.std(np.diff(u, 2))) < RESOLVED * float(np.std(np.diff(u)))   # of a measured input
+        self.is_smooth = float(np.std(np.diff(u, 2))) < SMOOTH_INPUT * float(np.std(np.diff(u)))  # of a measured input
         self.scales = self._scales()
         self.widths = np.repeat(self.dt / track.sub, track.sub)
         self.integral = np.append(0.0, np.cumsum(track.commands * np.diff(track.ticks)))
@@ -109,7 +110,7 @@ class Model:
 
     def _know(self) -> None:
         """The forcing that the nominal's own effects are, of the motion as it is known by now."""
-        rest = {name: value for name, value in self.terms.items() if name not in CURVES and name not in LINEAR}
+        rest = {name: value for name, value in self.terms.items() if name not in CURVES and name not in LINEAR_TERMS}
         self.force, self.air, self.shift = forcing(self.known, self.track, rest, self.motion)
 
     # ---- what the nominal says of noise
@@ -150,7 +151,7 @@ class Model:
             qm = known.walk * (math.sqrt(0.5 * self.tau_m) if turns > 0.0 else 1.0)
         elif self.is_flown:
             qm = self.m0 = ARC_MINUTE * max(float(np.sqrt(np.mean(self.k1**2))), 1e-3)
-            qg, self.tau_m, self.tau_g = 0.0, SLOW, 1.0
+            qg, self.tau_m, self.tau_g = 0.0, MOMENT_TIME, 1.0
         else:
             qm, qg, self.m0, self.tau_m, self.tau_g = 0.02 * self.scales.acceleration / math.sqrt(5.0), 0.0, \
                 0.0, math.inf, 1.0
@@ -175,8 +176,8 @@ class Model:
         if name:
             k = WEATHER[name]
             if name == "wind_walk":
-                self.is_windy, self.tau_m, self.m0 = True, math.inf, WIND
-            self.levels0[k], self.spread[k], self.cap[k] = math.log(WIND), 2.0, math.log(40.0)
+                self.is_windy, self.tau_m, self.m0 = True, math.inf, WIND_LEVEL
+            self.levels0[k], self.spread[k], self.cap[k] = math.log(WIND_LEVEL), 2.0, math.log(40.0)
         self.moves = np.flatnonzero(self.spread > 0.0)
         self.levels = self.levels0.copy()
         self.inputs.clear()
@@ -227,15 +228,15 @@ class Model:
         def get(name: str, missing: float = 0.0) -> float:
             return float(p[at[name]]) if name in at else self.given.get(name, missing)
 
-        c = np.zeros(ekf.CONSTANTS)
-        c[ekf.ORDER] = ekf.FIRST if self.servo.is_first_order else ekf.SECOND
+        c = np.zeros(ekf.N_FILTER_CONSTANTS)
+        c[ekf.SERVO_ORDER_PLACE] = ekf.FIRST_ORDER_SERVO if self.servo.is_first_order else ekf.SECOND_ORDER_SERVO
         c[ekf.W] = self.servo.frequency * max(get("bandwidth", 1.0), 0.01)
         c[ekf.ZETA] = 1.0 if self.servo.is_first_order else self.servo.damping_ratio
         c[ekf.DT], c[ekf.DW] = get("attitude_delay"), get("gyro_delay")
         c[ekf.SCALE], c[ekf.GYRO], c[ekf.NULL] = get("gyro_scale", 1.0), get("gyro_bias"), get("nozzle_bias")
         c[ekf.SOFT] = max(0.05 * self.scales.omega, 1e-9)
         c[ekf.TAU_M], c[ekf.TAU_G] = self.tau_m, self.tau_g
-        c[ekf.KAPPA], c[ekf.HELD] = get("inertia"), self.tick
+        c[ekf.KAPPA], c[ekf.COMMAND_PERIOD] = get("inertia"), self.tick
         rows = np.zeros((self.n, 6))
         for name, code in CURVES.items():
             c[code] = get("term " + name, self.terms.get(name, 0.0))
@@ -304,8 +305,8 @@ class Model:
             ok[k:k + skip] = False
         self.rows, self.channel = np.nonzero(ok)
         self.flat = np.flatnonzero(ok.ravel())
-        self.fold = self.rows * (FOLDS * PASSES) // self.n % FOLDS
-        self.block = self.rows * BLOCKS // self.n
+        self.fold = self.rows * (MODEL_FOLDS * FOLD_PASSES) // self.n % MODEL_FOLDS
+        self.block = self.rows * SCORE_BLOCKS // self.n
 
     def respond(self, force: np.ndarray, command: np.ndarray, shift: np.ndarray) -> np.ndarray:
         """The change (r,) of the whitened innovations that a small forcing makes, about the last filter's path."""

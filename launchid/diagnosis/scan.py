@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..sums import along, combined
-from .candidates import KINDS, LINES, Kind, lines_in
+from .candidates import CANDIDATE_KINDS, LINES, Kind, lines_in
 from .estimate import Fit, gram, inverse
 from .model import Model
 
-ENOUGH = 25.0          # squares that a shape must promise: chance gives the best of 400 places 12
+SQUARES_PROMISED = 25.0  # squares that a shape must promise: chance gives the best of 400 places 12
 EACH = 6.0             # squares that every number beyond the first must promise besides
-NEAR = 0.6             # of the best's, from which another kind is fitted beside it as a rival
+RIVAL_SHARE = 0.6      # of the best's, from which another kind is fitted beside it as a rival
 LOW_OVERLAP = 0.02     # of a column that the free numbers do not make: less is theirs
 
 
@@ -90,7 +90,7 @@ class Scanner:
 def scan(m: Model, fit: Fit) -> list[Found]:
     """Every kind where it promises most, the best first."""
     s = Scanner(m, fit)
-    found = [each for kind in KINDS if (each := s.best(kind)) is not None and each.saves > ENOUGH]
+    found = [each for kind in CANDIDATE_KINDS if (each := s.best(kind)) is not None and each.saves > SQUARES_PROMISED]
     return sorted(found, key=lambda each: -each.saves)
 
 

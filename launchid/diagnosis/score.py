@@ -6,7 +6,7 @@ import numpy as np
 
 from ..sums import along, combined, square
 from .estimate import Fit, at_bound, gram, information, inverse, limits
-from .model import BLOCKS, FOLDS, Model
+from .model import MODEL_FOLDS, SCORE_BLOCKS, Model
 
 FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
 
@@ -37,14 +37,14 @@ def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
     stuck = set(at_bound(m, fit))
     keep = [i for i in range(len(fit.free)) if i not in stuck and fit.free[i] not in _once(m)]
     if not keep:
-        return fit.e.copy(), [fit.p] * FOLDS
+        return fit.e.copy(), [fit.p] * MODEL_FOLDS
     F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, m.white(fit.p, frozen=True)
     out, fits = e.copy(), []
     w = m.prior[F]**-2.0
     A = gram(J) + np.diag(w)
     lowest, highest = limits(m, fit.band)
     low, high, g0 = lowest[F], highest[F], along(J, e)
-    for f in range(FOLDS):
+    for f in range(MODEL_FOLDS):
         mine = m.fold == f
         fits.append(p)
         if not mine.any():
@@ -86,16 +86,16 @@ def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[floa
     the square of the difference, and the error is that of their ratio (Cochran 1977, ch. 6).  Of a stranger's log the
     blocks' savings themselves, their roots or the logarithms of their ratios scatter, whichever tells most.
     """
-    d = np.bincount(m.block, e0 * e0 - e1 * e1, minlength=BLOCKS)
-    told = np.bincount(m.block, (e0 - e1)**2, minlength=BLOCKS)
+    d = np.bincount(m.block, e0 * e0 - e1 * e1, minlength=SCORE_BLOCKS)
+    told = np.bincount(m.block, (e0 - e1)**2, minlength=SCORE_BLOCKS)
     gain, white = float(d.sum()), 2.0 * math.sqrt(float(told.sum()) * unit)
-    s = math.sqrt(BLOCKS * float(d.var(ddof=1)))
+    s = math.sqrt(SCORE_BLOCKS * float(d.var(ddof=1)))
     if m.is_flown:
         rest = d - gain / max(float(told.sum()), 1e-300) * told
-        return gain, max(min(s, math.sqrt(BLOCKS / (BLOCKS - 1.0) * float(rest @ rest))), white, 1e-9)
-    a0, a1 = (np.bincount(m.block, e * e, minlength=BLOCKS) for e in (e0, e1))
-    count = np.bincount(m.block, minlength=BLOCKS)
-    z = max(float(x.mean() / (x.std(ddof=1) / math.sqrt(BLOCKS) + 1e-9)) for x in (
+        return gain, max(min(s, math.sqrt(SCORE_BLOCKS / (SCORE_BLOCKS - 1.0) * float(rest @ rest))), white, 1e-9)
+    a0, a1 = (np.bincount(m.block, e * e, minlength=SCORE_BLOCKS) for e in (e0, e1))
+    count = np.bincount(m.block, minlength=SCORE_BLOCKS)
+    z = max(float(x.mean() / (x.std(ddof=1) / math.sqrt(SCORE_BLOCKS) + 1e-9)) for x in (
         np.log((a0 + count + 1.0) / (a1 + count + 1.0)), np.sign(d) * np.sqrt(np.abs(d))))
     if gain > 0.0 and z > gain / max(s, 1e-9):
         s = gain / z
@@ -108,14 +108,14 @@ def covariance(m: Model, fit: Fit, unit: float) -> np.ndarray:
     happens once has the sandwich (White 1982), for no other block tells it."""
     A, C = information(m, fit), inverse(m, fit)
     keep = [i for i, j in enumerate(fit.free) if j not in _once(m)]
-    G, moved = np.zeros((BLOCKS, len(fit.free))), np.zeros((BLOCKS, len(keep)))
-    for block in range(BLOCKS):
+    G, moved = np.zeros((SCORE_BLOCKS, len(fit.free))), np.zeros((SCORE_BLOCKS, len(keep)))
+    for block in range(SCORE_BLOCKS):
         J = fit.J[m.block == block]
         G[block] = along(J, fit.e[m.block == block])
         rest = A - gram(J) + 1e-9 * np.diag(np.diag(A))
         moved[block] = np.linalg.solve(rest[np.ix_(keep, keep)], G[block, keep])
     robust = np.square(G @ C).sum(axis=0)
-    robust[keep] = (BLOCKS - 1.0) / BLOCKS * np.square(moved).sum(axis=0)
+    robust[keep] = (SCORE_BLOCKS - 1.0) / SCORE_BLOCKS * np.square(moved).sum(axis=0)
     wider = np.sqrt(np.maximum(robust / (np.diag(C) * unit), 1.0))
     return unit * C * np.outer(wider, wider)
 

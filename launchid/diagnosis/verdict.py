@@ -16,33 +16,35 @@ from ..log.log import Log, flown_log
 from ..log.vehicle import plant_faults
 from ..sums import along, square
 from .adapter import FEWEST_ROWS, Reading, read
-from .candidates import KINDS, SIGMAS, usual
+from .candidates import CANDIDATE_KINDS, TOLERANCE_SIGMAS, usual
 from .controller.check import ControllerCheck
-from .elimination import ALIKE_Z, LEAST, Elimination, Kept, Search
+from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, Elimination, Kept, Search
 from .estimate import Fit, fit_levels, gauss_newton, gram
 from .gain import Gain, held_out
-from .model import BLOCKS, KINEMATIC, WEATHER, Model, Number, Stopped
-from .scan import NEAR, Found, scan, with_shape
+from .model import KINEMATIC, SCORE_BLOCKS, WEATHER, Model, Number, Stopped
+from .scan import RIVAL_SHARE, Found, scan, with_shape
 from .score import compare, covariance, left_out
 
-LATE = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)   # s, delays of a servo that are tried
+SERVO_DELAYS = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)  # s, delays of a servo that are tried
 FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
-CLEARLY = 20.0         # nats by which weather must be better than causes
-FIRST = 50.0           # squares that a shape must promise while everything is free; what promises less is sought later
+WEATHER_NATS = 20.0    # nats by which weather must be better than causes
+FIRST_SHAPES = 50.0    # squares that a shape must promise while everything is free; what promises less is sought later
 MOST_SHAPES = 3        # shapes that are taken into a model
 GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with a signal: something is missing
-LOUD = 2.9             # times the declared, from which a level hides what is not modelled
-WHITE = 1.35           # mean square of whitened errors that a model at its noise may leave
-LEFT = 0.75            # of the removable error ahead: with more left beside something unknown no cause is named
-HALF = 0.5             # of what everything free saves, that names must save together
+LOUD_LEVEL = 2.9       # times the declared, from which a level hides what is not modelled
+WHITE_SQUARES = 1.35   # mean square of whitened errors that a model at its noise may leave
+UNKNOWN_LEFT = 0.75    # of the removable error ahead: with more left beside something unknown no cause is named
+NAMED_SHARE = 0.5      # of what everything free saves, that names must save together
 QUIET = 0.05           # of the removable error ahead, that names may leave where noise hides what is not modelled
-SURE = 0.5             # of what everything saves, of a name beside which something remains
+SURE_SHARE = 0.5       # of what everything saves, of a name beside which something remains
 BETWEEN_THEM = 2.0     # of what everything saves, that names may save last in: more is numbers that undo one another
 ODD = 0.25             # of what causes save, from which a shape in no list takes the name away
 WORSE, AHEAD, LEVEL = 1.0, 0.85, 2.0   # of a stranger's log: standard errors, share of the error ahead, noise level
-TURNED, PLACEBO = (0.2, 0.45, 0.7), 2.0   # parts of the log by which the input is turned; times that its own must win
-INPUT = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2",
-         "control_loss", "bending", "actuator_backlash", "actuator_rate_limit")  # numbers and shapes of the input
+# parts of the log by which the input is turned; times that its own must win
+TURNING_SHARES, PLACEBO = (0.2, 0.45, 0.7), 2.0
+INPUT_NUMBERS = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2",
+                 # numbers and shapes of the input
+                 "control_loss", "bending", "actuator_backlash", "actuator_rate_limit")
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,20 +108,20 @@ def adequacy(m: Model, fit: Fit) -> tuple[list[str], str | None]:
             s = signal[np.maximum(k - 2, 0)]
             s = s - s.mean()
             s = s / (s.std() + 1e-300)
-            y = np.bincount(m.block[mine], s * x, minlength=BLOCKS)
-            z, r = float(y.sum() / (math.sqrt(BLOCKS) * y.std(ddof=1) + 1e-9)), float(np.mean(s * x))
+            y = np.bincount(m.block[mine], s * x, minlength=SCORE_BLOCKS)
+            z, r = float(y.sum() / (math.sqrt(SCORE_BLOCKS) * y.std(ddof=1) + 1e-9)), float(np.mean(s * x))
             if abs(z) > GOES_Z and r * r > GOES * np.mean(x * x):
                 words.append(f"errors of {name} go with {what} (z {z:.1f}, {100 * r * r / np.mean(x * x):.1f} %)")
                 place = place or ("actuator" if ch == 2 else None)
         if m.is_flown:
             factor = math.exp(m.levels[ch] - m.levels0[ch])
-            if factor * size > LOUD:
+            if factor * size > LOUD_LEVEL:
                 words.append(f"noise of {name} is {factor * size:.1f} times the declared")
                 place = place or ("actuator" if ch == 2 else "sensor")
-            elif size * size > WHITE:
+            elif size * size > WHITE_SQUARES:
                 words.append(f"errors of {name} are {size:.2f} times their noise")
                 place = place or ("actuator" if ch == 2 else None)
-    if m.is_flown and m.levels[3] - m.levels0[3] > math.log(LOUD):
+    if m.is_flown and m.levels[3] - m.levels0[3] > math.log(LOUD_LEVEL):
         words.append(f"noise of the acceleration is {math.exp(m.levels[3] - m.levels0[3]):.1f} times the declared")
     return words, place
 
@@ -204,7 +206,7 @@ def everything(m: Model) -> np.ndarray:
             fit = gauss_newton(m, m.null, tuple(range(len(m.null))), frozenset(), 3)
             fit_levels(m, fit.p)
             fit = gauss_newton(m, fit.p, fit.free, frozenset(), 2)
-        p = with_found(m, fit, fit.p, FIRST)
+        p = with_found(m, fit, fit.p, FIRST_SHAPES)
         if len(p) == len(fit.p):
             break
         fit = gauss_newton(m, p, tuple(range(len(p))), frozenset(), 4)
@@ -217,7 +219,7 @@ def with_found(m: Model, fit: Fit, p: np.ndarray, least: float = 0.0) -> np.ndar
     there = {shape.kind.name for shape in m.shapes if not shape.kind.once}
     found = [each for each in scan(m, fit) if each.kind.name not in there]
     if found and found[0].saves > least:
-        for each in [each for each in found if each.saves > NEAR * found[0].saves][:2]:
+        for each in [each for each in found if each.saves > RIVAL_SHARE * found[0].saves][:2]:
             p = with_shape(m, p, each)
     return p
 
@@ -226,12 +228,12 @@ def limited(m: Model) -> np.ndarray:
     """The numbers to start from: with a rate limit, a play, a delay or a trim where one leaves clearly less than none,
     for a servo so limited or so late, or a vehicle that its trim has lost, is no small forcing of another."""
     plain = square(m.white(m.null))
-    late = np.repeat(m.null[None], len(LATE), axis=0)
-    late[:, m.index("delay")] += LATE
+    late = np.repeat(m.null[None], len(SERVO_DELAYS), axis=0)
+    late[:, m.index("delay")] += SERVO_DELAYS
     trimmed = [gauss_newton(m, m.null, (m.index("misalignment"),)).p] if "misalignment" in m.names else []
     least, p = min(((square(m.white(q)), q) for q in (*late, *trimmed)), key=lambda each: each[0])
     best = None
-    for kind in (kind for kind in KINDS if kind.cause and kind.place == "actuator" and kind.when(m)):
+    for kind in (kind for kind in CANDIDATE_KINDS if kind.cause and kind.place == "actuator" and kind.when(m)):
         for values in kind.starts(m):
             found, table = Found(kind, values, np.ones(1), plain), m.numbers
             left = square(m.white(with_shape(m, m.null, found)))
@@ -258,7 +260,7 @@ def weather(m: Model, fit: Fit) -> str:
     all_else = likelihood(m, m.white(fit.p))
     m.with_numbers(usual(m), [])
     band = frozenset(j for j, each in enumerate(m.numbers) if each.tol > 0.0)
-    best = ("", all_else + CLEARLY)
+    best = ("", all_else + WEATHER_NATS)
     for name in WEATHER:
         m.in_weather(name)
         alone = gauss_newton(m, m.null, tuple(sorted(band)), band, 2)
@@ -307,7 +309,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
         if why := no_cause(m, el, k, controller):
             listed.remove(k)
             words.append(why)
-    of_input = [k for k in listed if k.group.name.partition("#")[0] in INPUT]
+    of_input = [k for k in listed if k.group.name.partition("#")[0] in INPUT_NUMBERS]
     if not m.is_flown and of_input and not acts(m, el):
         listed = [k for k in listed if k not in of_input]
         words.append("the input of another time explains as much as the log's own: nothing is said of it")
@@ -331,16 +333,17 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
         return result("consistent", None)
     saved = sum(k.gain for k in listed)
     odd = sum(k.gain for k in unlisted)
-    short = 2.0 * nats < HALF * el.removable
+    short = 2.0 * nats < NAMED_SHARE * el.removable
     noises = sum("noise of" in each for each in inadequate)
     loud = m.is_flown and (noises > 1 or (noises == 1 and gain.share > QUIET))
     nearest = tuple(names)
     place_of_misfit = where or misfit or (names[0].where if names else None) or "plant"
-    poor = bool(listed) and bool(against) and (gain.share > (LEFT if m.is_flown else 1.0 - LEFT) or short or loud)
+    poor = bool(listed) and bool(against) and (gain.share > (UNKNOWN_LEFT if m.is_flown else 1.0 - UNKNOWN_LEFT)
+                                               or short or loud)
     if is_foreign or not names or (odd > ODD * saved and unlisted) or poor:
         return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
     if against:
-        sure = [k for k in listed if k.share > SURE]
+        sure = [k for k in listed if k.share > SURE_SHARE]
         names = [each for each in names if each.where == "controller" or
                  any(each.nats == 0.5 * k.gain for k in sure)]
         if not names or sum(k.share for k in el.kept) > BETWEEN_THEM:
@@ -362,7 +365,7 @@ def other_shape(m: Model, el: Elimination, k: Kept) -> str:
     if name != "gyro_bias" or not m.is_flown:
         return ""
     table, bias = (m.numbers, m.shapes), m.index("gyro_bias")
-    drift = next(kind for kind in KINDS if kind.name == "attitude_walk")
+    drift = next(kind for kind in CANDIDATE_KINDS if kind.name == "attitude_walk")
     p = with_shape(m, k.without, Found(drift, (), np.zeros(1), 0.0))
     free = tuple(sorted({*el.final.free, bias, len(p) - 1}))
     fit = gauss_newton(m, p, free, el.final.band | {bias}, 2)
@@ -387,7 +390,7 @@ def is_rest(m: Model, el: Elimination, k: Kept, largest: Kept) -> bool:
     moved = -C @ (along(J, fit.e) + prior * np.append(off, np.zeros(len(sizes))))
     at = [fit.at(j) for j in k.group.numbers[:k.group.linear]]
     left = off[at] + moved[at]
-    return float(left @ np.linalg.solve(C[np.ix_(at, at)], left)) < LEAST * len(at)
+    return float(left @ np.linalg.solve(C[np.ix_(at, at)], left)) < MIN_SQUARES_SAVED * len(at)
 
 
 def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
@@ -395,7 +398,7 @@ def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
     of noise alone."""
     out = []
     base, error = compare(m, el.e_final, el.e_full, el.unit)
-    if base > WORSE * error and base > LEAST:
+    if base > WORSE * error and base > MIN_SQUARES_SAVED:
         out.append(f"left-out blocks: worse than the full model by {0.5 * base:.0f} +- {0.5 * error:.0f} nats")
     if gain.floor < AHEAD:
         out.append(f"the full model's error ahead is {gain.floor:.2f} of what these numbers leave")
@@ -426,7 +429,7 @@ def acts(m: Model, el: Elimination) -> bool:
     without = square(none.e)
     own = without - float((m.white(el.full.p)**2).sum())
     track, integral, wins = m.track, m.integral, [5.0]
-    for part in TURNED:
+    for part in TURNING_SHARES:
         turned = np.roll(track.commands, int(part * len(track.commands)))
         m.track = replace(track, commands=turned)
         m.integral = np.append(0.0, np.cumsum(turned * np.diff(track.ticks)))
@@ -452,7 +455,7 @@ def place_of(m: Model, name: str) -> str:
     return next((s.kind.place for s in m.shapes if s.names[0].startswith(name + ".")), "plant")
 
 
-ALIKE = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias")}
+EQUAL_CAUSES = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias")}
 
 
 def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | None) -> str:
@@ -504,7 +507,8 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
     values: dict[str, tuple[Any, float | None]] = {}
     for j in k.group.numbers:
         number, value, std = m.numbers[j], float(el.final.p[j]), k.std.get(j)
-        part = number.tol / SIGMAS * (abs(value) if number.parameter == "scale" else 1.0)   # that is nobody's fault
+        # that is nobody's fault
+        part = number.tol / TOLERANCE_SIGMAS * (abs(value) if number.parameter == "scale" else 1.0)
         values[number.parameter] = (beside(m, number, value), None if std is None else math.hypot(std, part))
     if cause == "missing_term":
         number = m.numbers[k.group.numbers[0]]
@@ -539,7 +543,7 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
             at = [el.final.at(j) for j in k.group.numbers]
             C, slope = covariance(m, el.final, el.unit)[np.ix_(at, at)], np.array([width, share])
             values = {"half_width": (share * width, math.sqrt(slope @ C @ slope))}
-    alike = {cause_of(m, other) for other in k.alike} - {""} | set(ALIKE.get(k.group.name, ()))
+    alike = {cause_of(m, other) for other in k.alike} - {""} | set(EQUAL_CAUSES.get(k.group.name, ()))
     alike |= {"actuator_delay"} if late and k.group.name == "bandwidth" else set()
     if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.is_flown:
         cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}

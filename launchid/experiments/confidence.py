@@ -25,10 +25,11 @@ VERTICES = ((-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0), (0.0, 0.0))
 RANDOM_SEED = 2024
 INTERVAL = 1.96
 MARGIN_TIMES = 12
-SHOWN = (0.4, -0.3)     # delta of the flight whose margins are drawn
+DRAWN_DELTA = (0.4, -0.3)  # delta of the flight whose margins are drawn
 
 # columns of a flight's table
-T, A6, K1, A6_STD, K1_STD, TRUE_A6, TRUE_K1, DELTA_A6, DELTA_K1, STD_A6, STD_K1, IN_RANGE = range(12)
+(BAND_T, BAND_A6, BAND_K1, BAND_A6_STD, BAND_K1_STD, BAND_TRUE_A6, BAND_TRUE_K1, DELTA_A6, DELTA_K1, DELTA_A6_STD,
+ DELTA_K1_STD, IN_RANGE) = range(12)
 
 
 class BandJob(NamedTuple):
@@ -83,7 +84,7 @@ def fly_band(job: BandJob) -> Band:
         rows.append([e.t_end, e.tracked.a6, e.tracked.k1, e.tracked.a6_std, e.tracked.k1_std, 0.0, 0.0, level_a6.delta,
                      level_k1.delta, level_a6.delta_std, level_k1.delta_std, level_a6.in_range and level_k1.in_range])
     table = np.array(rows)
-    table[:, TRUE_A6], table[:, TRUE_K1] = true_a6, true_k1
+    table[:, BAND_TRUE_A6], table[:, BAND_TRUE_K1] = true_a6, true_k1
     return Band(delta, flight.lost, table)
 
 
@@ -95,9 +96,9 @@ def band_jobs(name: str, count: int) -> list[BandJob]:
 def bought(nominal: Nominal, flight: Band) -> Bought:
     """Worst margins and mu over the full box, and over the 95 % box of one flight's identified delta."""
     rows = flight.table[np.linspace(len(flight.table) * 0.15, len(flight.table) - 1, MARGIN_TIMES).astype(int)]
-    t = rows[:, T]
+    t = rows[:, BAND_T]
     centre = np.clip(rows[:, [DELTA_A6, DELTA_K1]], -1.0, 1.0)
-    radius = np.minimum(INTERVAL * rows[:, [STD_A6, STD_K1]], 1.0)
+    radius = np.minimum(INTERVAL * rows[:, [DELTA_A6_STD, DELTA_K1_STD]], 1.0)
     return Bought(t, margins_over_time(nominal, t), margins_over_time(nominal, t, centre, radius),
                   np.array([m.upper for m in mu_over_time(nominal, t)]),
                   np.array([m.upper for m in mu_over_time(nominal, t, centre, radius)]))
@@ -107,11 +108,11 @@ def summary(name: str, bands: list[Band]) -> dict[str, float | str]:
     """Figures of one vehicle: coverage of the tracked intervals where they are valid, the median band after 30 s,
     alarms, lost flights."""
     table = np.concatenate([band.table for band in bands])
-    late = table[(table[:, T] > 30.0) & np.isfinite(table[:, A6_STD])]
-    z = np.abs(np.column_stack([(late[:, A6] - late[:, TRUE_A6]) / late[:, A6_STD],
-                                (late[:, K1] - late[:, TRUE_K1]) / late[:, K1_STD]]))
+    late = table[(table[:, BAND_T] > 30.0) & np.isfinite(table[:, BAND_A6_STD])]
+    z = np.abs(np.column_stack([(late[:, BAND_A6] - late[:, BAND_TRUE_A6]) / late[:, BAND_A6_STD],
+                                (late[:, BAND_K1] - late[:, BAND_TRUE_K1]) / late[:, BAND_K1_STD]]))
     return {"vehicle": name, "flights": len(bands), "coverage": float(np.mean(z < INTERVAL)),
-            "half_width_a6": float(np.median(INTERVAL * late[:, A6_STD] / late[:, TRUE_A6])),
-            "half_width_k1": float(np.median(INTERVAL * late[:, K1_STD] / np.abs(late[:, TRUE_K1]))),
+            "half_width_a6": float(np.median(INTERVAL * late[:, BAND_A6_STD] / late[:, BAND_TRUE_A6])),
+            "half_width_k1": float(np.median(INTERVAL * late[:, BAND_K1_STD] / np.abs(late[:, BAND_TRUE_K1]))),
             "alarms": float(sum(not band.table[:, IN_RANGE].all() for band in bands)),
             "lost": float(sum(band.lost for band in bands))}

@@ -16,8 +16,8 @@ from ..log.log import flown_log
 from .cases import CASES, Case, Variant
 
 # columns of a variant's window table
-(START, END, VALID, A6, K1, A6_STD, K1_STD, TRUE_A6, TRUE_K1, EXACT, NODE) = range(11)
-N_COLUMNS = 11
+(START, WINDOW_END, VALID, WINDOW_A6, WINDOW_K1, A6_STD, K1_STD, TRUE_A6, TRUE_K1, EXACT, NODE) = range(11)
+N_FLIGHT_COLUMNS = 11
 
 
 class VehicleJob(NamedTuple):
@@ -35,7 +35,7 @@ class Result:
     delta: int
     seed: int
     lost: bool
-    tables: tuple[np.ndarray, ...]  # per variant (windows, N_COLUMNS)
+    tables: tuple[np.ndarray, ...]  # per variant (windows, N_FLIGHT_COLUMNS)
     xi: np.ndarray                  # (q, 3) of the first variant's last window
 
 
@@ -81,12 +81,12 @@ def identify_flight(nominal: Nominal, variant: Variant, support: tuple[str, ...]
     estimates = identified(config, seen).judged.estimates if seen else run(config, flight.rows())[0]
     active = np.array([term in support for term in config.terms])
     nodes = nominal.vehicle.t
-    table = np.full((len(estimates), N_COLUMNS), np.nan)
+    table = np.full((len(estimates), N_FLIGHT_COLUMNS), np.nan)
     for row, e in zip(table, estimates, strict=True):
         exact = bool(e.valid and (e.support[:, 1] == active).all())
         node = bool(np.any((nodes > e.t_start + 1e-9) & (nodes < e.t_end - 1e-9)))
         row[:] = (e.t_start, e.t_end, e.valid, e.a6, e.k1, e.a6_std, e.k1_std, np.nan, np.nan, exact, node)
-    centre = 0.5 * (table[:, START] + table[:, END])
+    centre = 0.5 * (table[:, START] + table[:, WINDOW_END])
     a6_factor, k1_factor = dispersion(nominal, delta, delta)
     table[:, TRUE_A6], table[:, TRUE_K1] = parameters(nominal, centre, a6_factor, k1_factor)
     return table, estimates[-1].xi if estimates else np.full((len(config.terms), 3), np.nan)

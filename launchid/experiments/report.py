@@ -17,7 +17,19 @@ from ..monte_carlo.campaign import run_jobs
 from ..progress import Counter
 from . import confidence
 from .cases import CASES, CONFIDENCE, Case
-from .flights import A6, EXACT, K1, NODE, TRUE_A6, TRUE_K1, VALID, Result, VehicleJob, fly_job, vehicle_jobs
+from .flights import (
+    EXACT,
+    NODE,
+    TRUE_A6,
+    TRUE_K1,
+    VALID,
+    WINDOW_A6,
+    WINDOW_K1,
+    Result,
+    VehicleJob,
+    fly_job,
+    vehicle_jobs,
+)
 
 BOUND_SEEDS = 3  # the bound varies by a percent between flights
 
@@ -27,7 +39,7 @@ def score(case: Case, variant: int, results: list[Result]) -> dict[str, Any]:
     table = np.concatenate([result.tables[variant] for result in results])
     # a window over a node is judged apart only on clean data: under sensor noise the node is not what shows
     node = (table[:, NODE] == 1) & (case.variants[variant].suite == "ideal")
-    errors = np.abs(table[:, [A6, K1]] - table[:, [TRUE_A6, TRUE_K1]])
+    errors = np.abs(table[:, [WINDOW_A6, WINDOW_K1]] - table[:, [TRUE_A6, TRUE_K1]])
     truth = np.abs(table[:, [TRUE_A6, TRUE_K1]])
     tolerance = np.maximum(case.relative * truth, case.absolute)
     inside = (errors <= tolerance).all(axis=1) & (table[:, VALID] == 1)

@@ -17,11 +17,11 @@ from ..log.check import COLUMN_FAULTS, checked, columns_alone
 from ..log.fault import Fault
 from ..log.log import Log
 
-UNITS = {"theta_dot": "rad/s", "theta_ddot": "rad/s$^2$", "rate_ref": "rad/s"}   # the others: rad
-STYLES: tuple[dict[str, Any], ...] = (   # that stay apart in grey
+COLUMN_UNITS = {"theta_dot": "rad/s", "theta_ddot": "rad/s$^2$", "rate_ref": "rad/s"}  # the others: rad
+LOG_STYLES: tuple[dict[str, Any], ...] = (  # that stay apart in grey
     {"color": "#12355b", "linestyle": "-"}, {"color": "#c2570c", "linestyle": "--"},
     {"color": "#2f8f6b", "linestyle": "-."}, {"color": "#000000", "linestyle": ":"})
-FEW = 60       # values of a column that are drawn one by one, too
+MARKED_VALUES = 60  # values of a column that are drawn one by one, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +63,10 @@ def logs_figure(logs: Sequence[Looked]) -> Figure:
             known = np.isfinite(log.t) & np.isfinite(x)
             if not known.any():
                 continue
-            axis.plot(log.t, x, linewidth=1.0, marker="." if known.sum() <= FEW else None, markersize=4,
-                      label=Path(log.path).stem if len(logs) > 1 else "_", **STYLES[k % len(STYLES)])
+            axis.plot(log.t, x, linewidth=1.0, marker="." if known.sum() <= MARKED_VALUES else None, markersize=4,
+                      label=Path(log.path).stem if len(logs) > 1 else "_", **LOG_STYLES[k % len(LOG_STYLES)])
             _mark(axis, name, each)
-        axis.set_ylabel(f"{name} [{UNITS.get(name, 'rad')}]", fontsize=9)
+        axis.set_ylabel(f"{name} [{COLUMN_UNITS.get(name, 'rad')}]", fontsize=9)
         axis.tick_params(labelsize=8)
     for axis in axes:
         if axis.get_legend_handles_labels()[1]:

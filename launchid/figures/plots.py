@@ -14,10 +14,10 @@ from sim.canvas import UNIT, panels, save
 from sim.flight import dispersion, fly_whole, parameters
 
 from ..experiments.cases import CASES
-from ..experiments.flights import A6, END, K1, START, TRUE_A6, TRUE_K1, Result, case_nominal
+from ..experiments.flights import START, TRUE_A6, TRUE_K1, WINDOW_A6, WINDOW_END, WINDOW_K1, Result, case_nominal
 
 GREYS = {-1: ("0.0", ":"), 0: ("0.0", "-"), 1: ("0.0", "--")}
-EXACT = 1e-17           # an error of 0 on a logarithmic axis: below what a float can be off
+SMALLEST_ERROR = 1e-17  # an error of 0 on a logarithmic axis: below what a float can be off
 BELOW = 1e-4            # of the tolerance: where the errors' axis ends, smaller ones are counted
 
 
@@ -111,7 +111,7 @@ def windows_figure(name: str, results: list[Result], title: str) -> Figure:
     case = CASES[name]
     figure, axes = panels(4, title, 1.7)
     nominal = case_nominal(case)
-    end = max(result.tables[0][-1, END] for result in results)
+    end = max(result.tables[0][-1, WINDOW_END] for result in results)
     fine = np.linspace(0.0, end, 800)
     for delta in case.deltas:
         a6, k1 = parameters(nominal, fine, *dispersion(nominal, delta, delta))
@@ -119,12 +119,12 @@ def windows_figure(name: str, results: list[Result], title: str) -> Figure:
         axes[0].plot(fine, a6, color=grey, linestyle=line, linewidth=1.2, label=f"truth, delta = {delta:+d}")
         axes[1].plot(fine, k1, color=grey, linestyle=line, linewidth=1.2)
     table = np.concatenate([result.tables[0] for result in results])
-    t = 0.5 * (table[:, START] + table[:, END])
+    t = 0.5 * (table[:, START] + table[:, WINDOW_END])
     floor = case.absolute / case.relative if case.absolute else 0.0
-    for axis, value, truth, error in ((axes[0], A6, TRUE_A6, axes[2]), (axes[1], K1, TRUE_K1, axes[3])):
+    for axis, value, truth, error in ((axes[0], WINDOW_A6, TRUE_A6, axes[2]), (axes[1], WINDOW_K1, TRUE_K1, axes[3])):
         axis.plot(t, table[:, value], ".", color="0.75", markersize=5.0, zorder=1)
         relative = (table[:, value] - table[:, truth]) / np.maximum(np.abs(table[:, truth]), floor)
-        error.plot(t, np.maximum(np.abs(relative), EXACT), ".", color="0.25", markersize=2.0)
+        error.plot(t, np.maximum(np.abs(relative), SMALLEST_ERROR), ".", color="0.25", markersize=2.0)
     for axis, label in ((axes[2], "a6"), (axes[3], "k1")):
         axis.axhline(case.relative, color="0.0", linestyle="--", linewidth=1.0)
         axis.text(end, case.relative * 1.3, f"{100 * case.relative:g} %", ha="right", fontsize=8)
@@ -171,8 +171,8 @@ def tuning_figure(results: list[Result]) -> Figure:
     groups: dict[str, dict[float, tuple[float, float]]] = {}
     for k, variant in enumerate(case.variants):
         table = np.concatenate([result.tables[k] for result in results])
-        error = float(np.nanmedian(np.abs(table[:, A6] / table[:, TRUE_A6] - 1)))
-        inside = float(np.mean(np.abs(table[:, A6] / table[:, TRUE_A6] - 1) < case.relative))
+        error = float(np.nanmedian(np.abs(table[:, WINDOW_A6] / table[:, TRUE_A6] - 1)))
+        inside = float(np.mean(np.abs(table[:, WINDOW_A6] / table[:, TRUE_A6] - 1) < case.relative))
         if variant.threshold is not None:
             groups.setdefault("threshold", {})[variant.threshold] = (error, inside)
         else:

@@ -21,12 +21,12 @@ from .scoring import Fitted, fit
 from .search import Found, is_held, search
 
 TIMING = 0.001         # s, one sigma, to which times are right without being wrong, as in [diagnosis]
-SURE = 3.0             # standard deviations from 0, without which there is no k1
-ALIKE = 0.99           # |correlation| of a6 and k1 beyond which only a combination is known,
+K1_SIGMAS = 3.0        # standard deviations from 0, without which there is no k1
+COLLINEAR = 0.99       # |correlation| of a6 and k1 beyond which only a combination is known,
 VAGUE = 0.3            # if both are known no better than this, relative
 WORTH = 0.5            # of the larger of the two terms, that one standard deviation of a6 may be worth
 ROUGHLY = 0.25         # relative, of the nozzle sensor's noise where no command tells how the nozzle moves
-SMALL = 0.05           # the same of the other levels: between the rows the model is not exact
+LEVEL_UNCERTAINTY = 0.05  # the same of the other levels: between the rows the model is not exact
 STAND = 0.005          # relative: no stand's equation is truer; authors' own numbers for one device differ by 1.7 %
 UNSEEN = 1.0           # standard deviation of a level's logarithm above which it is not seen, only limited
 
@@ -113,7 +113,7 @@ def answer(result: Found, c: Channels) -> First:
         t=model.node_a + c.start, a6=model.linear[:na], a6_std=a6_std, k1=model.linear[na:na + nk], k1_std=k1_std,
         sine=model.sine, terms={name: (value, deviation) for name, value, deviation in rest},
         delay=delay(fitted, c),
-        delay_of="beta" if model.source == fl.MEASURED or not c.has("beta_cmd") else "command",
+        delay_of="beta" if model.source == fl.BY_MEASUREMENT or not c.has("beta_cmd") else "command",
         servo=servo(fitted), offsets=offsets(fitted), noise=noise(fitted, c), wind=wind(fitted), r2=result.r2,
         notes=c.notes)
 
@@ -172,7 +172,7 @@ def delay(fitted: Fitted, c: Channels) -> Number | None:
     if "delay" not in model.free:
         return None
     value, std = model.numbers["delay"], fitted.std("delay")
-    if model.source == fl.MEASURED:
+    if model.source == fl.BY_MEASUREMENT:
         return value, std
     if not is_held(c):
         return value, math.hypot(std, c.period / math.sqrt(12.0))
@@ -181,7 +181,7 @@ def delay(fitted: Fitted, c: Channels) -> Number | None:
 
 def servo(fitted: Fitted) -> tuple[Number, Number] | None:
     model = fitted.model
-    if model.source != fl.COMMAND:
+    if model.source != fl.BY_COMMAND:
         return None
     w, zeta = model.numbers["servo"], model.numbers["damping"]
     return ((w, w * fitted.std("servo")), (zeta, zeta * fitted.std("damping") if "damping" in model.free else 0.0))
@@ -193,7 +193,7 @@ def offsets(fitted: Fitted) -> dict[str, Number]:
     x, p, s = fitted.final.end
     q = len(model.linear)
     constants = {}
-    for name, place in (("moment", fl.MOMENT), ("gyro_bias", model.shape().gyro)):
+    for name, place in (("moment", fl.STATE_MOMENT), ("gyro_bias", model.shape().gyro)):
         if place >= 0:
             variance = p[place, place] + s[:, place] @ fitted.covariance[:q, :q] @ s[:, place]
             constants[name] = (float(x[place]), math.sqrt(max(float(variance), 0.0)))
@@ -206,9 +206,9 @@ def noise(fitted: Fitted, c: Channels) -> dict[str, Number]:
     levels = {}
     for name, key, period in (("theta", "r_theta", 1.0), ("theta_dot", "r_theta_dot", 1.0), ("beta", "r_beta", 1.0),
                               ("command", "q_b", c.period), ("acceleration", "q_a", c.period)):
-        if key in model.free and not (key == "q_b" and model.source != fl.COMMAND):
+        if key in model.free and not (key == "q_b" and model.source != fl.BY_COMMAND):
             value = math.sqrt(model.numbers[key] / period)
-            rough = ROUGHLY if key == "r_beta" and model.source == fl.MEASURED else SMALL
+            rough = ROUGHLY if key == "r_beta" and model.source == fl.BY_MEASUREMENT else LEVEL_UNCERTAINTY
             levels[name] = (value, value * math.hypot(0.5 * fitted.std(key), rough))
     if fitted.std("q_a") > UNSEEN:
         limit = unseen(fitted, c)
@@ -254,7 +254,7 @@ def reasons(numbers: First, result: Found, c: Channels) -> list[str]:
         return [f"k1 cannot be determined: {driver} is {float(np.nanmax(command(c))):g} throughout; log a stretch in "
                 "which it moves"]
     said = []
-    if not np.any(np.abs(numbers.k1) > SURE * numbers.k1_std):
+    if not np.any(np.abs(numbers.k1) > K1_SIGMAS * numbers.k1_std):
         said.append(f"k1 cannot be determined: {numbers.k1.mean():.3g} +- {numbers.k1_std.mean():.2g} 1/s^2 may be 0; "
                     f"log a stretch in which {driver} moves more")
     return said + (lacking(numbers, result, driver) or impossible(numbers, driver)) + unseparated(numbers, result)
@@ -303,10 +303,10 @@ def holds(numbers: First, result: Found, lead: Lead) -> bool:
     """Whether the model has the input lead what it causes by as much: by its delay, and the lag of a servo that no
     sensor sees; by nothing where the nozzle is measured behind a command."""
     value, std = numbers.delay or (0.0, 0.0)
-    if result.fitted.model.source == fl.COMMAND:
+    if result.fitted.model.source == fl.BY_COMMAND:
         (frequency, _), (damping, _) = numbers.servo or ((math.inf, 0.0), (0.0, 0.0))
         value = 0.0 if "beta" in numbers.noise else value + 2.0 * damping / frequency
-    return abs(lead.value - value) < SURE * math.hypot(std, lead.std)
+    return abs(lead.value - value) < K1_SIGMAS * math.hypot(std, lead.std)
 
 
 def lack_words(lack: Lack, driver: str) -> str:
@@ -338,7 +338,7 @@ def unseparated(numbers: First, result: Found) -> list[str]:
     na, nk = len(model.node_a), len(model.node_k)
     covariance = result.fitted.covariance
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    alike = [abs(covariance[k, na + k] / scale[k] / scale[na + k]) > ALIKE for k in range(min(na, nk))]
+    alike = [abs(covariance[k, na + k] / scale[k] / scale[na + k]) > COLLINEAR for k in range(min(na, nk))]
     vague = (numbers.a6_std > VAGUE * np.abs(numbers.a6)) & (numbers.k1_std > VAGUE * np.abs(numbers.k1))
     if all(alike) and np.all(vague):
         ratio = float(np.mean(numbers.a6) / np.mean(numbers.k1))

@@ -15,13 +15,13 @@ from ..log.stamps import usable_rows
 from ..sums import combined, least_squares, products, square
 from ..weakform.rows import path_angle
 
-FEWEST = 100           # rows: below, noise levels and a held-out part are chance
-SPIKE = 20.0           # times the median distance from the median of five rows: one in a million is at 8
-ALONE = 4.0            # times the largest step beside it: fast motion is no spike
-REACH = 6              # rows beside it
+MIN_ROWS_A_LOG = 100   # rows: below, noise levels and a held-out part are chance
+SPIKE_OVER_MEDIAN = 20.0  # times the median distance from the median of five rows: one in a million is at 8
+SPIKE_OVER_LARGEST = 4.0  # times the largest step beside it: fast motion is no spike
+ROWS_BESIDE_SPIKE = 6  # rows beside it
 RATE_LAG = 0.25        # sample periods by which a measured rate may lag the slope of theta
 RATE_SCALE = 0.02      # by which it may differ from it
-SURE = 4.0             # standard deviations beyond
+OUTLIER_SIGMAS = 4.0   # standard deviations beyond
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +67,9 @@ def channels(log: Log) -> Channels:
         raise InputError(f"{log.path}: column t: expected seconds{hint}")
     rows = usable_rows(log.t)
     rows &= np.any([np.isfinite(getattr(log, name)) for name in (*moving, *driven)], axis=0)
-    if np.count_nonzero(rows) < FEWEST:
-        raise InputError(f"{log.path}: {np.count_nonzero(rows)} usable rows; a first nominal needs at least {FEWEST}")
+    if np.count_nonzero(rows) < MIN_ROWS_A_LOG:
+        raise InputError(f"{log.path}: {np.count_nonzero(rows)} usable rows; "
+                         f"a first nominal needs at least {MIN_ROWS_A_LOG}")
     t = log.t[rows]
     notes: list[str] = []
     if np.count_nonzero(~rows):
@@ -91,16 +92,16 @@ def channels(log: Log) -> Channels:
 
 def spikes(x: np.ndarray) -> np.ndarray:
     """(n,) bool: single values far from the median of five rows and from every step beside them."""
-    if len(x) < 2 * REACH or np.isnan(x).mean() > 0.5:
+    if len(x) < 2 * ROWS_BESIDE_SPIKE or np.isnan(x).mean() > 0.5:
         return np.zeros(len(x), bool)
     filled = np.interp(np.arange(len(x)), np.flatnonzero(np.isfinite(x)), x[np.isfinite(x)])
     around = np.lib.stride_tricks.sliding_window_view(np.pad(filled, 2, mode="edge"), 5)
     off = np.abs(filled - np.median(around, axis=1))
     usual = float(np.median(off[off > 0.0])) if np.any(off > 0.0) else 0.0
     bad = np.zeros(len(x), bool)
-    for k in np.flatnonzero(off > SPIKE * usual).tolist() if usual > 0.0 else ():
-        beside = np.concatenate([filled[max(0, k - REACH):k], filled[k + 1:k + REACH + 1]])
-        bad[k] = off[k] > ALONE * np.max(np.abs(np.diff(beside)))
+    for k in np.flatnonzero(off > SPIKE_OVER_MEDIAN * usual).tolist() if usual > 0.0 else ():
+        beside = np.concatenate([filled[max(0, k - ROWS_BESIDE_SPIKE):k], filled[k + 1:k + ROWS_BESIDE_SPIKE + 1]])
+        bad[k] = off[k] > SPIKE_OVER_LARGEST * np.max(np.abs(np.diff(beside)))
     return bad
 
 
@@ -132,7 +133,8 @@ def without_foreign_rate(c: Channels) -> Channels:
     except np.linalg.LinAlgError:
         return c
     xi, std = xi / scale, np.sqrt(np.diag(covariance)) / scale
-    off = [abs(xi[0] - 1.0) - SURE * std[0] > RATE_SCALE, abs(xi[1]) - SURE * std[1] > RATE_LAG * c.period]
+    off = [abs(xi[0] - 1.0) - OUTLIER_SIGMAS * std[0] > RATE_SCALE,
+           abs(xi[1]) - OUTLIER_SIGMAS * std[1] > RATE_LAG * c.period]
     if not any(off):
         return c
     words = (f"theta_dot is not the slope of theta (scale {1.0 / xi[0]:.3f}, lag {1e3 * xi[1]:.1f} ms): "

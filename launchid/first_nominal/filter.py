@@ -20,22 +20,23 @@ import numpy as np
 
 from sim.vehicle.kernels import inner, kernel
 
-THETA, OMEGA, NOZZLE, NOZZLE_RATE, MOMENT = range(5)   # the states that are always there
+STATE_THETA, OMEGA, STATE_NOZZLE, NOZZLE_RATE, STATE_MOMENT = range(5)  # the states that are always there
 BASE = 5
-ROW, NOZZLE_ROW, INPUT = range(3)                      # kinds of event
-COMMAND, MEASURED, DIRECT = range(3)                   # where the nozzle comes from
-(Q_A, R_THETA, R_OMEGA, R_BETA, Q_B, WALK, TURBULENCE, TURBULENCE_TIME, SERVO, DAMPING, SMOOTH,
- GAP) = range(12)  # numbers of a filter: spectral densities, variances, rad/sqrt(s), rad, s, rad/s, 1, rad/s, s
-N_NUMBERS = 12
-ORDER = 6           # of the step's series; the step is cut to where it holds 1e-6
-LONGEST = 0.5       # norm of the dynamics times the step
-WIDE = 1e3          # times a channel's size: what is not known before the first sample
+MOTION_ROW, NOZZLE_ROW, INPUT_CHANGE = range(3)        # kinds of event
+BY_COMMAND, BY_MEASUREMENT, BY_INPUT = range(3)        # where the nozzle comes from
+(Q_A, R_THETA, R_OMEGA, R_BETA, Q_B, WALK_DENSITY, TURBULENCE_STD, TURBULENCE_CORRELATION, SERVO_FREQUENCY,
+ SERVO_DAMPING_RATIO, FRICTION_RATE,
+ LONGEST_GAP) = range(12)  # numbers of a filter: spectral densities, variances, rad/sqrt(s), rad, s, rad/s, 1, rad/s, s
+N_FILTER_NUMBERS = 12
+SERIES_ORDER = 6    # of the step's series; the step is cut to where it holds 1e-6
+STEP_NORM = 0.5     # norm of the dynamics times the step
+DIFFUSE_FACTOR = 1e3  # times a channel's size: what is not known before the first sample
 
 
 class Shape(NamedTuple):
     """The shape of the filter: its source, its states, its rate terms.
 
-    source  COMMAND, MEASURED or DIRECT;  sine  sin(theta) in place of theta
+    source  BY_COMMAND, BY_MEASUREMENT or BY_INPUT;  sine  sin(theta) in place of theta
     gyro, walk, turbulence  their states' places, -1: none;  states  how many;  rate_terms  0, 1 (theta_dot) or
     2 (and sign(theta_dot))
     """
@@ -77,14 +78,14 @@ def _transition(row1, row3, decay, shape, dt, f, half, phi, power):
             power[j] = 1.0 if i == j else 0.0
             f[i, j], half[i, j], phi[i, j] = power[j], power[j], power[j]
         scale, halved = 1.0, 1.0
-        for order in range(1, ORDER + 1):
+        for order in range(1, SERIES_ORDER + 1):
             scale *= dt / order
             halved *= 0.5
             r0, r1, r2, r3 = power[0], power[1], power[2], power[3]
             for j in range(4, n):
                 power[j] = r1 * row1[j] + (decay * power[j] if j == shape.turbulence else 0.0)
             power[0], power[1] = r1 * row1[0], r0 + r1 * row1[1]
-            power[2], power[3] = r1 * row1[2] + r3 * row3[0], (r2 if shape.source != DIRECT else 0.0) + r3 * row3[1]
+            power[2], power[3] = r1 * row1[2] + r3 * row3[0], (r2 if shape.source != BY_INPUT else 0.0) + r3 * row3[1]
             for j in range(n):
                 f[i, j] += power[j] * scale
                 half[i, j] += power[j] * scale * halved
@@ -167,7 +168,7 @@ def _forget(x, p, s, shape, wide, whole):
         p[a, a] = wide[a]
         for j in range(s.shape[0]):
             s[j, a] = 0.0
-    if shape.source == DIRECT:  # the input is known
+    if shape.source == BY_INPUT:  # the input is known
         p[2, 2], p[3, 3] = 0.0, 0.0
 
 
@@ -179,7 +180,7 @@ def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more
 
     event_t (m,) [s], event_kind, event_row (m,)   in time's order;  event_path (m,) [rad]  flight path there
     u, theta, omega, beta (n,)   columns; NaN: not measured
-    number (N_NUMBERS,), wide (states,)   numbers of the filter; variances of what is not known
+    number (N_FILTER_NUMBERS,), wide (states,)   numbers of the filter; variances of what is not known
     node_a, a6, node_k, k1   coefficients of theta (sin(theta)) and of the nozzle, linear between the nodes
     node_c, coupling   acceleration [rad/s^2] of a unit of wind, linear between the nodes
     rate (2,)   coefficients of theta_dot and sign(theta_dot)
@@ -195,22 +196,22 @@ def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more
     gain = np.zeros(n)
     before = np.zeros(n)
     _forget(x, p, s, shape, wide, True)
-    if shape.source == COMMAND:
-        row3[0], row3[1] = -number[SERVO] ** 2, -2.0 * number[DAMPING] * number[SERVO]
-    elif shape.source == MEASURED:
-        row3[1] = -number[SERVO]
-    decay = -1.0 / number[TURBULENCE_TIME]
-    q_b = number[Q_B] * (number[SERVO] ** 4 if shape.source == 0 else 1.0)
+    if shape.source == BY_COMMAND:
+        row3[0], row3[1] = -number[SERVO_FREQUENCY] ** 2, -2.0 * number[SERVO_DAMPING_RATIO] * number[SERVO_FREQUENCY]
+    elif shape.source == BY_MEASUREMENT:
+        row3[1] = -number[SERVO_FREQUENCY]
+    decay = -1.0 / number[TURBULENCE_CORRELATION]
+    q_b = number[Q_B] * (number[SERVO_FREQUENCY] ** 4 if shape.source == 0 else 1.0)
     held, count, now = 0.0, 0, event_t[0]
     for index in range(event_t.shape[0]):
         span = event_t[index] - now
-        if span > number[GAP]:
+        if span > number[LONGEST_GAP]:
             _forget(x, p, s, shape, wide, False)
-            if shape.source == DIRECT:
+            if shape.source == BY_INPUT:
                 x[2] = held
         elif span > 0.0:
             fastest = max(math.fabs(row3[1]), math.sqrt(math.fabs(row3[0])))
-            parts = max(1, math.ceil(span * fastest / LONGEST))
+            parts = max(1, math.ceil(span * fastest / STEP_NORM))
             dt = span / parts
             path = 0.5 * (event_path[index - 1] + event_path[index])
             for part in range(parts):
@@ -228,11 +229,11 @@ def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more
                 attack = x[0] - path
                 sine, cosine = math.sin(attack), math.cos(attack)
                 term = sine if shape.sine else attack
-                smooth = math.tanh(x[1] / number[SMOOTH])
+                smooth = math.tanh(x[1] / number[FRICTION_RATE])
                 for j in range(n):
                     row1[j] = 0.0
                 row1[0] = a * cosine if shape.sine else a
-                row1[1] = rate[0] + rate[1] * (1.0 - smooth * smooth) / number[SMOOTH]
+                row1[1] = rate[0] + rate[1] * (1.0 - smooth * smooth) / number[FRICTION_RATE]
                 row1[2], row1[4] = k, 1.0
                 wind = 0.0
                 if shape.walk >= 0:
@@ -245,7 +246,7 @@ def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more
                     slope[j] = 0.0
                 slope[0] = x[1]
                 slope[1] = a * term + per * wind + k * x[2] + rate[0] * x[1] + rate[1] * smooth + x[4]
-                if shape.source != DIRECT:
+                if shape.source != BY_INPUT:
                     slope[2] = x[3]
                     slope[3] = row3[0] * (x[2] - held) + row3[1] * x[3]
                 if shape.turbulence >= 0:
@@ -264,12 +265,12 @@ def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more
                     for r in range(n):
                         p[r, c] = step[r]
                 _noise(p, f, half, 1, 2, number[Q_A], dt)
-                if shape.source != DIRECT:
+                if shape.source != BY_INPUT:
                     _noise(p, f, half, 3, 4, q_b, dt)
                 if shape.walk >= 0:
-                    _noise(p, f, half, shape.walk, 2, number[WALK] ** 2, dt)
+                    _noise(p, f, half, shape.walk, 2, number[WALK_DENSITY] ** 2, dt)
                 if shape.turbulence >= 0:
-                    _noise(p, f, half, shape.turbulence, 2, -2.0 * decay * number[TURBULENCE] ** 2, dt)
+                    _noise(p, f, half, shape.turbulence, 2, -2.0 * decay * number[TURBULENCE_STD] ** 2, dt)
                 # sensitivities
                 was, now_is = before[0] - path, x[0] - path
                 value = 0.5 * ((math.sin(was) + math.sin(now_is)) if shape.sine else (was + now_is))
@@ -284,7 +285,7 @@ def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more
                     elif shape.damping and j == na + nk:
                         drive = omega_mid
                     else:
-                        drive = math.tanh(omega_mid / number[SMOOTH])
+                        drive = math.tanh(omega_mid / number[FRICTION_RATE])
                     _times(f, s[j], gain)
                     gain[0] += dt * phi[0, 1] * drive
                     gain[1] += dt * phi[1, 1] * drive
@@ -292,9 +293,9 @@ def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more
                         s[j, r] = gain[r]
         now = event_t[index]
         k_row = event_row[index]
-        if event_kind[index] == INPUT:
+        if event_kind[index] == INPUT_CHANGE:
             held = u[k_row]
-            if shape.source == DIRECT:
+            if shape.source == BY_INPUT:
                 x[2] = held
         elif event_kind[index] == NOZZLE_ROW:
             _measure(beta[k_row], 2, -1, number[R_BETA], x, p, s, e, variance, h, count, gain)

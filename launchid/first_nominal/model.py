@@ -9,10 +9,12 @@ from . import filter as fl
 from .channels import Channels
 
 LONG_GAP = 0.2         # s: over a longer gap nothing of the motion is kept,
-SLOW = 20.0            # sample periods, where that is longer: of a slower log the vehicle is slower, too
-FREE = {"q_a": fl.Q_A, "r_theta": fl.R_THETA, "r_theta_dot": fl.R_OMEGA, "r_beta": fl.R_BETA, "q_b": fl.Q_B,
-        "walk": fl.WALK, "turbulence": fl.TURBULENCE, "turbulence_time": fl.TURBULENCE_TIME, "servo": fl.SERVO,
-        "damping": fl.DAMPING}  # numbers that are sought, by their logarithms; `delay` is sought beside them
+GAP_PERIODS = 20.0     # sample periods, where that is longer: of a slower log the vehicle is slower, too
+FREE_NUMBERS = {"q_a": fl.Q_A, "r_theta": fl.R_THETA, "r_theta_dot": fl.R_OMEGA, "r_beta": fl.R_BETA, "q_b": fl.Q_B,
+                "walk": fl.WALK_DENSITY, "turbulence": fl.TURBULENCE_STD, "turbulence_time": fl.TURBULENCE_CORRELATION,
+                "servo": fl.SERVO_FREQUENCY,
+                # numbers that are sought, by their logarithms; `delay` is sought beside them
+                "damping": fl.SERVO_DAMPING_RATIO}
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +23,7 @@ class Model:
 
     source         of the nozzle: filter.COMMAND, MEASURED or DIRECT
     node_a, node_k (n,) [s] nodes of a6 and k1;  linear (q,)  a6 and k1 at them, then theta_dot, sign(theta_dot)
-    numbers        of FREE, in their own units (variances, densities), and `delay` [s]
+    numbers        of FREE_NUMBERS, in their own units (variances, densities), and `delay` [s]
     free           those of them that are sought
     """
 
@@ -93,15 +95,15 @@ def events(c: Channels, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarra
     """
     source, delay = model.source, model.numbers["delay"]  # [s] of the command; MEASURED: by which the motion lags beta
     moving = np.flatnonzero(np.isfinite(c.theta) | np.isfinite(c.theta_dot))
-    parts = [(c.t[moving], fl.ROW, moving)]
-    if source != fl.DIRECT and c.has("beta"):
+    parts = [(c.t[moving], fl.MOTION_ROW, moving)]
+    if source != fl.BY_INPUT and c.has("beta"):
         seen = np.flatnonzero(np.isfinite(c.beta))
-        parts.append((c.t[seen] + (delay if source == fl.MEASURED else 0.0), fl.NOZZLE_ROW, seen))
-    if source != fl.MEASURED:
+        parts.append((c.t[seen] + (delay if source == fl.BY_MEASUREMENT else 0.0), fl.NOZZLE_ROW, seen))
+    if source != fl.BY_MEASUREMENT:
         u = command(c)
         known = np.flatnonzero(np.isfinite(u))
         known = known[np.concatenate([[True], np.diff(u[known]) != 0.0])]  # a held value is one event
-        parts.append((c.t[known] + delay, fl.INPUT, known))
+        parts.append((c.t[known] + delay, fl.INPUT_CHANGE, known))
     t = np.concatenate([part[0] for part in parts])
     kind = np.concatenate([np.full(len(part[0]), part[1]) for part in parts])
     row = np.concatenate([part[2] for part in parts])
@@ -116,14 +118,15 @@ def command(c: Channels) -> np.ndarray:
 
 def run(model: Model, c: Channels, sensitive: bool = True) -> Pass:
     """The filter over a log; sensitive: with the derivatives for the coefficients."""
-    shape, numbers = model.shape(), np.zeros(fl.N_NUMBERS)
-    numbers[fl.TURBULENCE_TIME], numbers[fl.SMOOTH], numbers[fl.GAP] = 1.0, model.smooth, max(LONG_GAP, SLOW * c.period)
-    for name, place in FREE.items():
+    shape, numbers = model.shape(), np.zeros(fl.N_FILTER_NUMBERS)
+    numbers[fl.TURBULENCE_CORRELATION], numbers[fl.FRICTION_RATE] = 1.0, model.smooth
+    numbers[fl.LONGEST_GAP] = max(LONG_GAP, GAP_PERIODS * c.period)
+    for name, place in FREE_NUMBERS.items():
         numbers[place] = model.numbers.get(name, numbers[place])
     wide = np.zeros(shape.states)
     sizes = model.sizes
     for place, name in enumerate(("theta", "theta_dot", "beta", "beta_rate", "moment")):
-        wide[place] = (fl.WIDE if place < 2 else 10.0) * sizes[name] ** 2
+        wide[place] = (fl.DIFFUSE_FACTOR if place < 2 else 10.0) * sizes[name] ** 2
     if shape.gyro >= 0:
         wide[shape.gyro] = 10.0 * sizes["theta_dot"] ** 2
     if shape.turbulence >= 0:

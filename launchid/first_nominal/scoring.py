@@ -15,15 +15,15 @@ from ..sums import products
 from .channels import Channels
 from .model import Model, Pass, run
 
-DIFFERENCE = 0.02      # of a logarithm
+LOG_DIFFERENCE = 0.02  # of a logarithm
 DELAY_SHARE = 0.05     # of a sample period: the same for the delay
-LONGEST_STEP = 1.0     # of a logarithm
+LOG_STEP = 1.0         # of a logarithm
 DELAY_MOST = 2.0       # sample periods that the delay moves in one step
 DONE = 0.02            # nats that the next step would gain
 TRIALS = 5             # of a step, shorter and shorter
-STEPS = 25
-BLOCK = 0.5            # s: of the scores that are summed before their correlation is asked for
-LEAST, MOST = 1e-30, 1e30  # of a number that is sought
+MOST_STEPS = 25
+SCORE_BLOCK = 0.5      # s: of the scores that are summed before their correlation is asked for
+TINY, BEYOND_ANY = 1e-30, 1e30  # of a number that is sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def moved(model: Model, step: np.ndarray) -> Model:
         if name == "delay":
             numbers[name] += change
         else:
-            low, high = model.bounds.get(name, (LEAST, MOST))
+            low, high = model.bounds.get(name, (TINY, BEYOND_ANY))
             numbers[name] = min(max(numbers[name] * math.exp(change), low), high)
     return replace(model, linear=model.linear + step[:q], numbers=numbers)
 
@@ -80,7 +80,7 @@ def scores(model: Model, c: Channels, base: Pass) -> tuple[np.ndarray, np.ndarra
     known = de.copy(), ds.copy()   # of the information
     for k, name in enumerate(free, start=q):
         step = np.zeros(q + len(free))
-        step[k] = DELAY_SHARE * c.period if name == "delay" else DIFFERENCE
+        step[k] = DELAY_SHARE * c.period if name == "delay" else LOG_DIFFERENCE
         e1, s1, same = aligned(run(moved(model, step), c, sensitive=False), base)
         if np.mean(same) < 0.5:   # a step back passes no other event
             step[k] = -step[k]
@@ -111,7 +111,7 @@ def solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np.
     return np.linalg.lstsq(m, gradient / scale, rcond=1e-12)[0] / scale
 
 
-def fit(model: Model, c: Channels, steps: int = STEPS, free: tuple[str, ...] | None = None) -> Fitted:
+def fit(model: Model, c: Channels, steps: int = MOST_STEPS, free: tuple[str, ...] | None = None) -> Fitted:
     """The model's maximum of the likelihood from where it is.
 
     free   the numbers that are sought beside the coefficients; None: the model's.  All of them are the model's again.
@@ -120,7 +120,7 @@ def fit(model: Model, c: Channels, steps: int = STEPS, free: tuple[str, ...] | N
     if free is not None:
         model = replace(model, free=free)
     held = slice(len(model.node_a), len(model.node_a) + len(model.node_k)) if model.no_input else slice(0, 0)
-    limit = np.array([DELAY_MOST * c.period if name == "delay" else LONGEST_STEP for name in model.free])
+    limit = np.array([DELAY_MOST * c.period if name == "delay" else LOG_STEP for name in model.free])
     base, damping = run(model, c), 1e-8
     score, information = scores(model, c, base)
     for _ in range(steps):
@@ -153,7 +153,7 @@ def sandwich(score: np.ndarray, information: np.ndarray, done: Pass, c: Channels
     diagonal = np.diag(information)
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))   # a number held where it is has none
     inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12)
-    block = (c.t[done.row[done.counted]] / BLOCK).astype(int)
+    block = (c.t[done.row[done.counted]] / SCORE_BLOCK).astype(int)
     count = int(block.max()) + 1 if len(block) else 1
     sums = np.stack([np.bincount(block, score[:, k] / scale[k], count) for k in range(score.shape[1])], axis=1)
     sums -= sums.mean(axis=0)

@@ -18,26 +18,28 @@ from .channels import Channels
 from .model import Model, command, run
 from .scoring import Fitted, fit, penalised, scores, solved
 
-HELD = 0.25            # of rows repeat the command: it is issued less often than it is logged
-FOLLOWS = 0.5          # share of the nozzle's variance that a delayed command explains, if it drives it
-SERVO = 40.0           # rad/s, where a servo's frequency is first looked for
+REPEATED_COMMANDS = 0.25  # of rows repeat the command: it is issued less often than it is logged
+COMMAND_SHARE = 0.5    # share of the nozzle's variance that a delayed command explains, if it drives it
+FIRST_SERVO_FREQUENCY = 40.0  # rad/s, where a servo's frequency is first looked for
 SERVO_DAMPING = 0.7
 FASTEST = 5.0          # over the sample period: a servo beyond it is done within a row
-LATEST = 0.4           # s: the longest delay looked for
+MOST_COMMAND_DELAY = 0.4  # s: the longest delay looked for
 EARLIEST = -0.05       # s: a nozzle that follows the motion is no input, and is seen
-NODES = (2, 3, 5, 9, 17)
+NODE_COUNTS = (2, 3, 5, 9, 17)
 NEAREST = 4.0          # s between nodes
 MARGIN = 5.0           # nats, beside the penalty, that a further term must bring
 WIND_MARGIN = -7.0     # the same of wind: calm believed in wind is 4 std wrong, wind in calm only wide
 TRIED = 8              # steps of scoring, where models are compared
-FIRST = 12             # the same of the plain model, from the weak form's numbers
-LEVELS = {"walk": 0.003, "turbulence": 0.005, "turbulence_time": 1.0}  # rad/s^2/sqrt(s), rad/s^2, s: wind, at first
-SMALLEST = 0.02        # of the largest |a6|, by which wind acts at least
+FIRST_STEPS = 12       # the same of the plain model, from the weak form's numbers
+# rad/s^2/sqrt(s), rad/s^2, s: wind, at first
+FIRST_LEVELS = {"walk": 0.003, "turbulence": 0.005, "turbulence_time": 1.0}
+MIN_WIND_SHARE = 0.02  # of the largest |a6|, by which wind acts at least
 TERMS = {"damping": "theta_dot", "friction": "sign(theta_dot)"}
-MOST_PARTS = 8         # that are added to the plain model
-PLAIN = ("theta", "beta")
-STANDS = tuple((gravity, "beta", *rest) for gravity in ("theta", "sin(theta)")
-               for rest in ((), ("theta_dot",), ("theta_dot", "sign(theta_dot)")))  # where a stand's model may begin
+ADDED_PARTS = 8        # that are added to the plain model
+PLAIN_TERMS = ("theta", "beta")
+STAND_TERMS = tuple((gravity, "beta", *rest) for gravity in ("theta", "sin(theta)")
+                    # where a stand's model may begin
+                    for rest in ((), ("theta_dot",), ("theta_dot", "sign(theta_dot)")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +78,13 @@ def bounds(c: Channels) -> dict[str, tuple[float, float]]:
 def source_of(c: Channels) -> int:
     """The source of the nozzle angle: the command through a servo, its own measurement, or the command alone."""
     if not c.has("beta"):
-        return fl.DIRECT
+        return fl.BY_INPUT
     if not c.has("beta_cmd"):
-        return fl.MEASURED
+        return fl.BY_MEASUREMENT
     beta, u = weak.filled(c.t, c.beta), weak.filled(c.t, c.beta_cmd)
-    left = [_unexplained(beta, np.interp(c.t - d, c.t, u)) for d in np.arange(0.0, LATEST, max(c.period, 0.01))]
-    return fl.COMMAND if min(left) < 1.0 - FOLLOWS else fl.MEASURED
+    left = [_unexplained(beta, np.interp(c.t - d, c.t, u))
+            for d in np.arange(0.0, MOST_COMMAND_DELAY, max(c.period, 0.01))]
+    return fl.BY_COMMAND if min(left) < 1.0 - COMMAND_SHARE else fl.BY_MEASUREMENT
 
 
 def _unexplained(y: np.ndarray, x: np.ndarray) -> float:
@@ -92,11 +95,11 @@ def _unexplained(y: np.ndarray, x: np.ndarray) -> float:
 
 
 def servo_start(c: Channels) -> float:
-    """The delay [s] of the command to the nozzle beyond what a servo of SERVO has."""
+    """The delay [s] of the command to the nozzle beyond what a servo of FIRST_SERVO_FREQUENCY has."""
     beta, u = weak.filled(c.t, c.beta), weak.filled(c.t, c.beta_cmd)
-    grid = np.arange(0.0, LATEST, max(c.period / 2.0, 0.002))
+    grid = np.arange(0.0, MOST_COMMAND_DELAY, max(c.period / 2.0, 0.002))
     best = float(grid[int(np.argmin([_unexplained(beta, np.interp(c.t - d, c.t, u)) for d in grid]))])
-    return max(best - 2.0 * SERVO_DAMPING / SERVO, 0.0)
+    return max(best - 2.0 * SERVO_DAMPING / FIRST_SERVO_FREQUENCY, 0.0)
 
 
 def start(c: Channels, source: int, m: Rows, terms: tuple[str, ...], delay: float) -> Model:
@@ -110,14 +113,14 @@ def start(c: Channels, source: int, m: Rows, terms: tuple[str, ...], delay: floa
         if c.has(name[2:]):
             numbers[name] = noise_variance(channel)
             free.append(name)
-    if source != fl.DIRECT:
+    if source != fl.BY_INPUT:
         numbers["r_beta"] = noise_variance(c.beta)
         free.append("r_beta")
-    if source == fl.COMMAND:
-        numbers |= {"servo": SERVO, "damping": SERVO_DAMPING, "delay": servo_start(c),
+    if source == fl.BY_COMMAND:
+        numbers |= {"servo": FIRST_SERVO_FREQUENCY, "damping": SERVO_DAMPING, "delay": servo_start(c),
                     "q_b": numbers["r_beta"] * c.period}
         free += ["q_b", "servo", "damping"]
-    elif source == fl.MEASURED:
+    elif source == fl.BY_MEASUREMENT:
         u = weak.filled(c.t, c.beta)
         rough = float(np.var(np.diff(u))) / c.period**2
         numbers |= {"servo": 2.0 / c.period / 5.0, "q_b": max(rough, 1e-12) * 2.0 / c.period / 5.0}
@@ -133,17 +136,17 @@ def search(c: Channels) -> Found:
     """The model of a log."""
     u = command(c)
     idle = float(np.nanmax(u)) == float(np.nanmin(u))
-    source = fl.DIRECT if idle else source_of(c)
-    m = weak.motion(c, source != fl.DIRECT)
+    source = fl.BY_INPUT if idle else source_of(c)
+    m = weak.motion(c, source != fl.BY_INPUT)
     best = None
-    for terms in STANDS if large(c) else (PLAIN,):
-        delay = 0.0 if source == fl.COMMAND or idle else best_delay(c, m, terms)
+    for terms in STAND_TERMS if large(c) else (PLAIN_TERMS,):
+        delay = 0.0 if source == fl.BY_COMMAND or idle else best_delay(c, m, terms)
         model = start(c, source, m, terms, delay)
         if idle:
             model = replace(model, no_input=True, free=tuple(name for name in model.free if name != "delay"),
                             linear=np.where(np.arange(len(model.linear)) == 1, 0.0, model.linear))
-        now = fit(model, c, FIRST)
-        if source == fl.DIRECT and not idle:
+        now = fit(model, c, FIRST_STEPS)
+        if source == fl.BY_INPUT and not idle:
             now = servo_instead(now, c)
         if best is None or now.bic > best[0].bic + (-MARGIN if now.model.sine and not best[0].model.sine else MARGIN):
             best = now, terms, delay   # at large angles it is sin(theta), unless it is not
@@ -162,21 +165,22 @@ def large(c: Channels) -> bool:
 
 def best_delay(c: Channels, m: Rows, terms: tuple[str, ...]) -> float:
     """The best delay of the weak form [s]."""
-    return weak.best_delay(m, terms, EARLIEST, LATEST, max(c.period, 0.005))
+    return weak.best_delay(m, terms, EARLIEST, MOST_COMMAND_DELAY, max(c.period, 0.005))
 
 
 def is_held(c: Channels) -> bool:
     """The command stays the same over rows: it is issued less often than it is logged."""
     u = command(c)
-    return bool(np.mean(np.diff(u[np.isfinite(u)]) == 0.0) > HELD)
+    return bool(np.mean(np.diff(u[np.isfinite(u)]) == 0.0) > REPEATED_COMMANDS)
 
 
 def servo_instead(now: Fitted, c: Channels) -> Fitted:
     """A servo between the command and the nozzle that no sensor sees, where that explains more than a delay."""
     delay = now.model.numbers["delay"]
-    numbers = now.model.numbers | {"servo": SERVO, "damping": SERVO_DAMPING, "q_b": 0.0,
-                                   "delay": max(delay - 2.0 * SERVO_DAMPING / SERVO, 0.0)}
-    other = fit(replace(now.model, source=fl.COMMAND, numbers=numbers, free=(*now.model.free, "servo")), c, FIRST)
+    numbers = now.model.numbers | {"servo": FIRST_SERVO_FREQUENCY, "damping": SERVO_DAMPING, "q_b": 0.0,
+                                   "delay": max(delay - 2.0 * SERVO_DAMPING / FIRST_SERVO_FREQUENCY, 0.0)}
+    other = fit(replace(now.model, source=fl.BY_COMMAND, numbers=numbers, free=(*now.model.free, "servo")), c,
+                FIRST_STEPS)
     return other if other.bic > now.bic else now
 
 
@@ -184,7 +188,7 @@ def grown(now: Fitted, c: Channels) -> Fitted:
     """The plain model with whatever brings most, until nothing brings more than it costs; then without what no longer
     brings it."""
     calm = now
-    for _ in range(MOST_PARTS):
+    for _ in range(ADDED_PARTS):
         asked = windy(now.model, c) if now is calm or now.model.walk else ()
         better = [each for each in (fit(model, c, TRIED, still(model)) for model in asked)
                   if each.bic > now.bic + (MARGIN if now.model.walk else WIND_MARGIN)]
@@ -218,7 +222,7 @@ def hope(model: Model, c: Channels) -> float:
 def candidates(model: Model, c: Channels) -> Iterator[Model]:
     """Models with one linear addition each: nodes, rate damping, dry friction."""
     end, count = float(c.t[-1]), len(model.node_a)
-    more = [k for k in NODES if k > count and (k == 2 or end / (k - 1) >= NEAREST)]
+    more = [k for k in NODE_COUNTS if k > count and (k == 2 or end / (k - 1) >= NEAREST)]
     for k in more[:2] if count > 1 else more[:3]:
         yield model.with_nodes(*[np.linspace(0.0, end, k)] * 2)
     rest = model.rest
@@ -234,18 +238,18 @@ def windy(model: Model, c: Channels) -> Iterator[Model]:
     if large(c):
         return
     if not model.walk:
-        yield replace(model, numbers=model.numbers | LEVELS, free=(*model.free, *LEVELS))
+        yield replace(model, numbers=model.numbers | FIRST_LEVELS, free=(*model.free, *FIRST_LEVELS))
     elif len(model.node_a) > 1:
         a6 = np.abs(model.linear[:len(model.node_a)])
-        a6 = np.maximum(a6, SMALLEST * np.max(a6))
+        a6 = np.maximum(a6, MIN_WIND_SHARE * np.max(a6))
         yield replace(model, node_c=model.node_a, coupling=a6 / np.max(a6))
 
 
 def thinner(model: Model) -> Iterator[Model]:
     """The model without wind, or without one of its terms."""
     if model.walk:
-        yield replace(model, free=tuple(name for name in model.free if name not in LEVELS),
-                      numbers={name: value for name, value in model.numbers.items() if name not in LEVELS})
+        yield replace(model, free=tuple(name for name in model.free if name not in FIRST_LEVELS),
+                      numbers={name: value for name, value in model.numbers.items() if name not in FIRST_LEVELS})
     front, rest = model.linear[:len(model.linear) - len(model.rest)], model.rest
     if model.damping:
         yield replace(model, damping=False, linear=np.concatenate([front, rest[1:]]))
@@ -256,7 +260,7 @@ def thinner(model: Model) -> Iterator[Model]:
 def still(model: Model) -> tuple[str, ...]:
     """Free numbers that are sought anew where two models are compared: unmodelled accelerations, wind, and the delay of
     a nozzle that only its effect tells."""
-    names = (*LEVELS, *(("delay",) if model.source == fl.MEASURED else ()))
+    names = (*FIRST_LEVELS, *(("delay",) if model.source == fl.BY_MEASUREMENT else ()))
     return ("q_a", *(name for name in names if name in model.free))
 
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from ..sums import combined, least_squares, square
 from ..weakform.judge import INCREMENT
-from ..weakform.rows import GAP, SLOPE, Rows, increments, slope, with_noise_levels
+from ..weakform.rows import LONGEST_ROW_STEP, SLOPE_SPAN, Rows, increments, slope, with_noise_levels
 from .channels import Channels
 from .model import command
 
-PIECE = 10.0           # s over which one set of coefficients and one trim hold
-HELD_OUT = 0.4         # the last part of the log
-FEWEST = 5             # increments without overlap in it
+TRIM_PIECE = 10.0      # s over which one set of coefficients and one trim hold
+HELD_OUT_SHARE = 0.4   # the last part of the log
+MIN_INCREMENTS = 5     # increments without overlap in it
 
 
 def filled(t: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -31,12 +31,12 @@ def motion(c: Channels, source_is_beta: bool) -> Rows:
     rate = filled(c.t, c.theta_dot) if c.has("theta_dot") else np.zeros(0)
     if c.has("theta"):
         theta = filled(c.t, c.theta)
-        rate = rate if len(rate) else slope(c.t, theta, max(1, round(SLOPE / c.period)))
+        rate = rate if len(rate) else slope(c.t, theta, max(1, round(SLOPE_SPAN / c.period)))
     else:
         theta = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(c.t) * (rate[1:] + rate[:-1]))])
         theta = theta - theta.mean()
     step = np.diff(c.t)
-    cuts = np.flatnonzero(step > GAP * np.median(step)) + 1
+    cuts = np.flatnonzero(step > LONGEST_ROW_STEP * np.median(step)) + 1
     return with_noise_levels(Rows(c.t, theta, c.gamma, rate, u, c.has("theta_dot"), bool(np.any(c.gamma != 0.0)),
                                   np.concatenate([[0], cuts, [len(c.t)]])))
 
@@ -62,7 +62,7 @@ def best_delay(rows: Rows, terms: tuple[str, ...], low: float, high: float, step
     """Return the delay [s] of the input, of a grid, at which it explains most, fitted piece by piece."""
     def left(delay: float) -> float:
         t, y, phi = columns(rows, terms, delay)
-        parts = np.array_split(np.arange(len(t)), max(1, round((t[-1] - t[0]) / PIECE))) if len(t) else []
+        parts = np.array_split(np.arange(len(t)), max(1, round((t[-1] - t[0]) / TRIM_PIECE))) if len(t) else []
         return sum(square(y[part] - combined(phi[part], solve(phi[part], y[part]))) for part in parts)
 
     grid = np.arange(low, high + 0.5 * step, step)
@@ -73,9 +73,10 @@ def held_out(rows: Rows, terms: tuple[str, ...], delay: float) -> float:
     """Return the share of the variance of the last part's increments that the first part's fit predicts; 0 of too short
     a log."""
     t, y, phi = columns(rows, terms, delay)
-    split = rows.t[0] + (1.0 - HELD_OUT) * (rows.t[-1] - rows.t[0])
+    split = rows.t[0] + (1.0 - HELD_OUT_SHARE) * (rows.t[-1] - rows.t[0])
     first, last = t < split, t >= split
-    if np.count_nonzero(first) <= phi.shape[1] or np.count_nonzero(last) < math.ceil(FEWEST * INCREMENT / rows.period):
+    if np.count_nonzero(first) <= phi.shape[1] or np.count_nonzero(last) < math.ceil(MIN_INCREMENTS
+                                                                                     * INCREMENT / rows.period):
         return 0.0
     e, s = y[last] - combined(phi[last], solve(phi[first], y[first])), y[last] - y[last].mean()
     e = e - e.mean()  # a trim that is another one is no contradiction

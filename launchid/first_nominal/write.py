@@ -16,13 +16,13 @@ from sim.shown import known, saying_what_plus_minus_is, with_std
 from .answer import First, Number
 
 TOLD = 3.0             # standard deviations from 0: below, an offset is none
-LONGEST_STEP = 0.001   # s, of the integration
-FAST = 200.0           # rad/s: a servo in the place of one that no sensor sees; its lag is taken off the delay
+INTEGRATION_STEP = 0.001  # s, of the integration
+UNSEEN_SERVO_FREQUENCY = 200.0  # rad/s: a servo in the place of one that no sensor sees; its lag is taken off the delay
 FAST_DAMPING = 0.7
 UNKNOWN_THETA = 0.01   # rad: of a sensor that the log has not, a guess
-UNITS = {"moment": "rad/s^2", "gyro_bias": "rad/s", "theta": "rad", "theta_dot": "rad/s", "beta": "rad",
-         "command": "rad", "acceleration": "rad/s^2", "walk": "rad/sqrt(s)", "turbulence": "rad",
-         "turbulence_time": "s", "moment_walk": "rad/s^2/sqrt(s)", "moment_turbulence": "rad/s^2"}
+UNIT_OF = {"moment": "rad/s^2", "gyro_bias": "rad/s", "theta": "rad", "theta_dot": "rad/s", "beta": "rad",
+           "command": "rad", "acceleration": "rad/s^2", "walk": "rad/sqrt(s)", "turbulence": "rad",
+           "turbulence_time": "s", "moment_walk": "rad/s^2/sqrt(s)", "moment_turbulence": "rad/s^2"}
 TERM_UNITS = {"theta_dot": "1/s", "sign(theta_dot)": "rad/s^2"}
 
 
@@ -30,7 +30,7 @@ def nominal_of(numbers: First, name: str) -> Nominal:
     """The nominal that a simulation should use."""
     numbers = as_known(numbers)
     vehicle, terms, effects = plant(numbers)
-    step = numbers.period / math.ceil(numbers.period / LONGEST_STEP - 1e-9)
+    step = numbers.period / math.ceil(numbers.period / INTEGRATION_STEP - 1e-9)
     return Nominal(
         name=name, vehicle=vehicle, terms=terms, effects=effects, actuator=actuator(numbers), sensors=sensors(numbers),
         simulation=Simulation(duration=numbers.duration, step=step,
@@ -103,7 +103,8 @@ def actuator(numbers: First) -> Actuator | None:
         return None
     delay = max(numbers.delay[0], 0.0)
     if numbers.servo is None:
-        return Actuator(FAST, FAST_DAMPING, delay=max(delay - 2.0 * FAST_DAMPING / FAST, 0.0))
+        return Actuator(UNSEEN_SERVO_FREQUENCY, FAST_DAMPING,
+                        delay=max(delay - 2.0 * FAST_DAMPING / UNSEEN_SERVO_FREQUENCY, 0.0))
     noise = numbers.noise.get("command", (0.0, 0.0))[0]
     return Actuator(numbers.servo[0][0], numbers.servo[1][0], command_noise_std=noise, delay=delay)
 
@@ -135,7 +136,7 @@ def comments(numbers: First) -> dict[tuple[str, str], str]:
     said |= {("vehicle.terms", f'"{name}"'): shown(number, TERM_UNITS[name]) for name, number in numbers.terms.items()}
     for name, key in (("theta", "theta_std"), ("theta_dot", "theta_dot_std"), ("beta", "beta_std")):
         there = name in numbers.noise
-        said["sensors", key] = shown(numbers.noise[name], UNITS[name]) if there else \
+        said["sensors", key] = shown(numbers.noise[name], UNIT_OF[name]) if there else \
             "not in the log, or not used: a guess"
     said["simulation", "acceleration_noise_std"] = shown(numbers.noise["acceleration"], "rad/s^2")
     if numbers.delay is not None:
@@ -147,7 +148,7 @@ def comments(numbers: First) -> dict[tuple[str, str], str]:
         said["actuator", "natural_frequency"] = "no nozzle was measured: fast, its lag taken off the delay"
     if "command" in numbers.noise:
         said["actuator", "command_noise_std"] = shown(numbers.noise["command"], "rad")
-    said |= {("wind", name): shown(number, UNITS[name]) for name, number in numbers.wind.items()}
+    said |= {("wind", name): shown(number, UNIT_OF[name]) for name, number in numbers.wind.items()}
     if "moment" in numbers.offsets:
         moment = numbers.offsets["moment"]
         said["effects", "angle"] = f"a moment of {with_std(*moment)} rad/s^2"
@@ -164,9 +165,9 @@ def commented(lines: list[str], numbers: First, source: str) -> Iterator[str]:
         yield f"# The motion lags beta by {with_std(*numbers.delay)} s."
     for name in ("moment", "gyro_bias"):
         if name in numbers.offsets and not told(numbers, name):
-            yield f"# {name}: {with_std(*numbers.offsets[name])} {UNITS[name]}, not significantly different from 0."
+            yield f"# {name}: {with_std(*numbers.offsets[name])} {UNIT_OF[name]}, not significantly different from 0."
     for name, number in numbers.wind.items() if not is_wind(numbers) else ():
-        yield f"# {name}: {with_std(*number)} {UNITS[name]} (a6 is too vague to call it wind)."
+        yield f"# {name}: {with_std(*number)} {UNIT_OF[name]} (a6 is too vague to call it wind)."
     for note in numbers.notes:
         yield f"# {note}"
     said, section = comments(numbers), ""
@@ -199,7 +200,7 @@ def lines(first: First, out: str) -> list[str]:
     if first.servo is not None:
         said.append(f"servo {with_std(*first.servo[0])} rad/s, damping ratio {with_std(*first.servo[1])}")
     for words, each in (("offset", first.offsets), ("noise", first.noise), ("wind", first.wind)):
-        said += [f"{words} {name} {with_std(*number)} {UNITS[name]}" for name, number in each.items()]
+        said += [f"{words} {name} {with_std(*number)} {UNIT_OF[name]}" for name, number in each.items()]
     return [*saying_what_plus_minus_is(said), *first.notes, f"{out}: written"]
 
 

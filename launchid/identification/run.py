@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from launchid_core import Config, Estimate, Estimator
 
 from ..log.check import CheckedLog
-from ..log.rates import HELD
+from ..log.rates import HELD_WORD
 from ..running import run
 from ..weakform.windows import Judged, judged_windows, refused, withdrawn
 
@@ -40,7 +40,7 @@ def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional
     optional  terms that the weak form has too where they are more than their deviation
     Of `filtered`, which judges itself, those are refused that a contradiction of the model follows within 20 s.
     """
-    if seen.rates["beta"].kind == HELD and config.formulation == "integral":
+    if seen.rates["beta"].kind == HELD_WORD and config.formulation == "integral":
         config = replace(config, beta_held=True)
     estimates, estimator = run(config, seen.log.rows())
     is_filtered = config.formulation == "filtered"

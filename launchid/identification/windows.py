@@ -26,7 +26,7 @@ from .run import Identified, identified
 __all__ = ["MODELLED", "chosen_formulation", "identified", "log_config", "number", "onboard_model", "report",
            "report_of", "run", "servo_note", "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
 
-OFFSETS = tuple(field.name for field in dataclasses.fields(Offsets))
+OFFSET_FIELDS = tuple(field.name for field in dataclasses.fields(Offsets))
 NO_SERVO: dict[str, Any] = {name: {"value": None, "std": None} for name in SERVO}  # the model is contradicted
 IN_COLUMNS = ("theta", "beta")  # terms whose coefficients stand under a6 and k1, with their deviations
 FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "restarts of the filter",
@@ -272,7 +272,7 @@ def next_step(windows: list[dict[str, Any]], model: Model) -> str:
     if not refused:
         return ""
     declared = {"[wind]": any(getattr(model, name) > 0.0 for name in ("walk", "wind_initial", "turbulence")),
-                "[offsets]": any(getattr(model, name) > 0.0 for name in OFFSETS)}
+                "[offsets]": any(getattr(model, name) > 0.0 for name in OFFSET_FIELDS)}
     lacks = " and no ".join(section for section, there in declared.items() if not there)
     declare = f"its nominal declares no {lacks}: declare what there may be, and it is estimated; " if lacks else ""
     return (f"{refused} of {len(windows)} windows contradict the model (MODEL): {declare}"

@@ -16,24 +16,24 @@ from .fault import Fault
 from .runs import runs_of
 from .stops import SENSED, ran_over, stopped
 
-MEASURED = ("theta", "theta_dot", "beta")  # by sensors: these may freeze and spike
-NOZZLE, COMMAND = "beta", "beta_cmd"
-ABSURD = 1e4         # rad, rad/s: beyond it no channel holds a measurement, in degrees neither
+SENSOR_COLUMNS = ("theta", "theta_dot", "beta")  # by sensors: these may freeze and spike
+NOZZLE_COLUMN, COMMAND_COLUMN = "beta", "beta_cmd"
+LARGEST_ANGLE = 1e4  # rad, rad/s: beyond it no channel holds a measurement, in degrees neither
 FEWEST_RUN = 5       # rows without a value, or of zeros
 FEWEST_STALE = 10    # rows of one value: an input at its limit is there for fewer
 USUAL = 0.99         # of a channel's runs, single values among them, are no longer than its usual ones
 LONGER = 5.0         # times as long: the longest of a clean channel whose noise shows are 3.5 times
 DITHER = 0.12        # of the steps on one side reverse the one before: noise moves the value, not the motion alone
-HIDDEN = 0.4         # of the steps on one side are none: the quantum hides the noise, a run's length tells nothing
-JUMP = 4.0           # times the largest step beside a run, or the quantum
-SMOOTH = 0.2         # of the usual step there, the largest of those next to the run: less is coming to rest
-BESIDE = 40          # rows on either side that count as beside a run or a spike
+QUANTISED_STEPS = 0.4  # of the steps on one side are none: the quantum hides the noise, a run's length tells nothing
+JUMP_OVER_STEP = 4.0  # times the largest step beside a run, or the quantum
+REST_STEP = 0.2      # of the usual step there, the largest of those next to the run: less is coming to rest
+ROWS_AROUND = 40     # rows on either side that count as beside a run or a spike
 FEWEST_BESIDE = 8    # of them tell something
-SPIKE = 7.5          # times the usual residual: nine standard deviations of the noise
-SERVO = 0.25         # of a step of the command that lasts for a row, at most, comes through
-NEAR = 6             # rows on either side that count as next to it
-MOST = 0.75          # of steps and residuals there are no larger than the usual one: others belong to another spike
-ALONE = 1.4          # times the usual step: a fast motion is no spike
+SPIKE_OVER_RESIDUAL = 7.5  # times the usual residual: nine standard deviations of the noise
+SERVO_STEP = 0.25    # of a step of the command that lasts for a row, at most, comes through
+ROWS_NEXT_TO = 6     # rows on either side that count as next to it
+USUAL_SHARE = 0.75   # of steps and residuals there are no larger than the usual one: others belong to another spike
+SPIKE_OVER_STEP = 1.4  # times the usual step: a fast motion is no spike
 LEVEL_SHIFT = 0.7    # of the spike: if the rows before and after differ by more, the signal has moved
 SPIKE_PASSES = 8     # of marking the largest and looking again
 INTERPOLATION = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # cubic, from two rows on either side
@@ -56,23 +56,24 @@ def judged(t: np.ndarray, columns: Mapping[str, np.ndarray], usable: np.ndarray,
         masks[name] = np.isfinite(x) & usable
         faults += out_of_range(name, t, x, masks[name])
         faults += missing_runs(name, t, x)
-    still = np.sum([columns[name] == 0.0 for name in MEASURED], axis=0) >= 2
+    still = np.sum([columns[name] == 0.0 for name in SENSOR_COLUMNS], axis=0) >= 2
     resting = int(np.argmin(np.append(still, False)))  # rows in which an ideal vehicle has not moved yet
     faults += zero_rows(t, columns, masks, resting)
-    for name in MEASURED:
+    for name in SENSOR_COLUMNS:
         if name == "theta_dot":
             faults += ran_over(name, t, columns[name], masks[name])
         if name in SENSED:
             faults += stopped(name, t, columns[name], masks[name])
         faults += frozen_runs(name, t, columns[name], masks[name], own[name], resting)
-        command = np.where(masks[COMMAND], columns[COMMAND], np.nan) if name == NOZZLE else np.full(len(t), np.nan)
+        command = np.where(masks[COMMAND_COLUMN], columns[COMMAND_COLUMN],
+                           np.nan) if name == NOZZLE_COLUMN else np.full(len(t), np.nan)
         faults += spikes(name, t, columns[name], masks[name], own[name], command)
     return masks, faults
 
 
 def out_of_range(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray) -> Iterator[Fault]:
     """Infinite or absurd values of x (n,); clears them in mask (n,) inout."""
-    for bad, what in ((np.isinf(x), "infinite"), (np.isfinite(x) & (np.abs(x) > ABSURD), "absurdly large")):
+    for bad, what in ((np.isinf(x), "infinite"), (np.isfinite(x) & (np.abs(x) > LARGEST_ANGLE), "absurdly large")):
         rows = np.flatnonzero(bad)
         if len(rows) > 0:
             mask[rows] = False
@@ -105,7 +106,7 @@ def zero_rows(t: np.ndarray, columns: Mapping[str, np.ndarray], masks: dict[str,
 
     resting  rows from the first on in which nothing has moved yet
     """
-    there = {name: columns[name] for name in MEASURED if np.isfinite(columns[name]).any()}
+    there = {name: columns[name] for name in SENSOR_COLUMNS if np.isfinite(columns[name]).any()}
     zero = np.logical_and.reduce([np.arange(len(t)) >= resting, *(x == 0.0 for x in there.values())])
     runs = runs_of(zero)
     if len(there) < 2 or not 0 < 2 * len(runs) < len(t):
@@ -117,7 +118,7 @@ def zero_rows(t: np.ndarray, columns: Mapping[str, np.ndarray], masks: dict[str,
         beside = np.stack([np.abs(x[np.maximum(runs[:, 0] - 1, 0)]), np.abs(x[np.minimum(runs[:, 1], len(x) - 1)])])
         beside[0, runs[:, 0] == 0] = beside[1, runs[:, 1] == len(x)] = np.nan
         with np.errstate(invalid="ignore"):
-            jumps |= np.fmin(beside[0], beside[1]) > JUMP * usual
+            jumps |= np.fmin(beside[0], beside[1]) > JUMP_OVER_STEP * usual
     if np.mean(jumps) < 0.5:
         return
     rows = np.flatnonzero(zero)
@@ -177,19 +178,20 @@ def _frozen_faults(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, ro
 
 def _dithers(values: np.ndarray, start: int, end: int) -> bool:
     """Noise moves the values beside the run [start, end), next to it too: what comes to rest comes smoothly."""
-    before = np.diff(values[max(0, start - BESIDE):start + 1])[::-1]
-    sides = [steps for steps in (before, np.diff(values[end - 1:end + BESIDE])) if len(steps) >= FEWEST_BESIDE]
+    before = np.diff(values[max(0, start - ROWS_AROUND):start + 1])[::-1]
+    sides = [steps for steps in (before, np.diff(values[end - 1:end + ROWS_AROUND])) if len(steps) >= FEWEST_BESIDE]
     return len(sides) > 0 and all(
-        np.mean(steps[1:] * steps[:-1] < 0.0) >= DITHER and np.mean(steps == 0.0) < HIDDEN
-        and np.max(np.abs(steps[:NEAR])) > SMOOTH * np.median(np.abs(steps)) for steps in sides)
+        np.mean(steps[1:] * steps[:-1] < 0.0) >= DITHER and np.mean(steps == 0.0) < QUANTISED_STEPS
+        and np.max(np.abs(steps[:ROWS_NEXT_TO])) > REST_STEP * np.median(np.abs(steps)) for steps in sides)
 
 
 def _jumps(values: np.ndarray, start: int, end: int, quantum: float) -> bool:
     """The value enters or leaves the run [start, end) with a jump that the rows beside it do not have."""
-    beside = np.abs(np.concatenate((np.diff(values[max(0, start - BESIDE):start]), np.diff(values[end:end + BESIDE]))))
+    beside = np.abs(np.concatenate((np.diff(values[max(0, start - ROWS_AROUND):start]),
+                                    np.diff(values[end:end + ROWS_AROUND]))))
     if len(beside) < FEWEST_BESIDE:
         return False
-    least = JUMP * max(quantum, float(np.max(beside)))
+    least = JUMP_OVER_STEP * max(quantum, float(np.max(beside)))
     enters = start > 0 and abs(values[start] - values[start - 1]) > least and values[start] == 0.0
     leaves = end < len(values) and abs(values[end] - values[end - 1]) > least
     return bool(enters or leaves)
@@ -220,24 +222,24 @@ def spikes(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, own: np.nd
 def spike_rows(x: np.ndarray, command: np.ndarray) -> np.ndarray:
     """Indices of the spikes in x (n,), all measured, which follows the command (n,), NaN where there is none."""
     n, marked = len(x), np.zeros(len(x), bool)
-    asked = SERVO * np.nan_to_num(np.abs(np.diff(command, prepend=command[:1])))
-    asked = np.max(np.lib.stride_tricks.sliding_window_view(np.pad(asked, (NEAR, 0)), NEAR + 1), axis=1)
+    asked = SERVO_STEP * np.nan_to_num(np.abs(np.diff(command, prepend=command[:1])))
+    asked = np.max(np.lib.stride_tricks.sliding_window_view(np.pad(asked, (ROWS_NEXT_TO, 0)), ROWS_NEXT_TO + 1), axis=1)
     moves = np.abs(np.diff(x))
     quantum = float(np.min(moves[moves > 0.0], initial=np.inf))
     for _ in range(SPIKE_PASSES):
         clean = np.interp(np.arange(n), np.flatnonzero(~marked), x[~marked])
         size = np.abs(clean - np.convolve(np.pad(clean, 2), INTERPOLATION, mode="valid"))
-        for end, beside in ((slice(0, 2), clean[:NEAR]), (slice(n - 2, n), clean[-NEAR:])):
+        for end, beside in ((slice(0, 2), clean[:ROWS_NEXT_TO]), (slice(n - 2, n), clean[-ROWS_NEXT_TO:])):
             size[end] = np.abs(clean[end] - np.median(beside))
         size[marked] = 0.0
         highest = np.max(np.lib.stride_tricks.sliding_window_view(np.pad(size, 3), 7), axis=1)
-        least = SPIKE * float(np.quantile(size, MOST))
+        least = SPIKE_OVER_RESIDUAL * float(np.quantile(size, USUAL_SHARE))
         before, after = clean[np.maximum(np.arange(n) - 1, 0)], clean[np.minimum(np.arange(n) + 1, n - 1)]
         before[0], after[-1] = after[0], before[-1]   # an end has one neighbour
         away = np.minimum(np.abs(clean - before), np.abs(clean - after))
         returns = ((clean - before) * (clean - after) > 0.0) & ~(np.abs(after - before) > LEVEL_SHIFT * away)
         new = [k for k in np.flatnonzero((size > least) & (size == highest) & returns).tolist()
-               if _stands_alone(clean, size, k, float(away[k]), max(JUMP * quantum, float(asked[k])))]
+               if _stands_alone(clean, size, k, float(away[k]), max(JUMP_OVER_STEP * quantum, float(asked[k])))]
         if not new:
             break
         marked[new] = True
@@ -249,8 +251,9 @@ def _stands_alone(x: np.ndarray, size: np.ndarray, k: int, away: float, least: f
 
     size (n,)  what the rows beside each leave of it;  away  how far it leaves them;  least  what it must
     """
-    sides = size[max(0, k - BESIDE):max(0, k - 2)], size[k + 3:k + BESIDE + 1]
-    noise = max((float(np.quantile(side, MOST)) for side in sides if len(side) >= FEWEST_BESIDE), default=0.0)
-    moves = np.abs(np.concatenate((np.diff(x[max(0, k - NEAR):k]), np.diff(x[k + 1:k + NEAR + 1]))))
-    motion = ALONE * float(np.quantile(moves, MOST)) if 0 < k < len(x) - 1 else JUMP * float(np.max(moves))
-    return bool(size[k] > SPIKE * noise and away > max(least, motion))
+    sides = size[max(0, k - ROWS_AROUND):max(0, k - 2)], size[k + 3:k + ROWS_AROUND + 1]
+    noise = max((float(np.quantile(side, USUAL_SHARE)) for side in sides if len(side) >= FEWEST_BESIDE), default=0.0)
+    moves = np.abs(np.concatenate((np.diff(x[max(0, k - ROWS_NEXT_TO):k]), np.diff(x[k + 1:k + ROWS_NEXT_TO + 1]))))
+    inside = 0 < k < len(x) - 1
+    motion = float(SPIKE_OVER_STEP * np.quantile(moves, USUAL_SHARE) if inside else JUMP_OVER_STEP * np.max(moves))
+    return bool(size[k] > SPIKE_OVER_RESIDUAL * noise and away > max(least, motion))

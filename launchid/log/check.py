@@ -14,7 +14,7 @@ from sim.errors import InputError
 from sim.nominal import Nominal, constant_profile
 from sim.sections import Sensors
 
-from .channels import ABSURD
+from .channels import LARGEST_ANGLE
 from .detect import VALUES, DataCheck, check, related
 from .fault import Fault
 from .log import Log
@@ -28,7 +28,7 @@ COLUMN_FAULTS = ("unit", "sign", "swapped", "motion", "origin")  # of a whole co
 DOUBTFUL = ("scale",)  # of a whole column: which of two is right only a nominal could tell
 CLOCK_FAULTS = ("unit", "order")   # of t: there is no period, and nothing can be computed
 FEWEST_IDEAL = 20       # rows
-EXACT = 1e-3            # of the rms increment from row to row: no sensor is as good, the simulator's step is
+NOISE_FREE = 1e-3       # of the rms increment from row to row: no sensor is as good, the simulator's step is
 BRIDGED = 2             # rows in a row without theta or beta that are missing measurements; more are a gap
 
 
@@ -123,7 +123,7 @@ def clock_faults(data: DataCheck) -> list[Fault]:
 def measured(log: Log, data: DataCheck) -> Log:
     """The log with nothing measured (NaN) where the check finds a fault of rows."""
     with np.errstate(invalid="ignore"):
-        rejected = ~data.usable | np.any([np.abs(getattr(log, name)) > ABSURD for name in VALUES], axis=0)
+        rejected = ~data.usable | np.any([np.abs(getattr(log, name)) > LARGEST_ANGLE for name in VALUES], axis=0)
     columns: dict[str, Any] = {name: _measured(log, name, data, rejected) for name in VALUES if name in log.columns}
     return replace(log, **columns)
 
@@ -224,7 +224,7 @@ def ideal_note(log: Log) -> tuple[str, ...]:
         bend = 0.0 if curvature is None else h**2 / 12.0 * np.diff(curvature)  # of the trapezium, to the fifth order
         step = np.diff(signal)
         off = step - (0.5 * h * (slope[1:] + slope[:-1]) - bend)
-        if not np.median(np.abs(off)) < EXACT * np.sqrt(np.mean(step**2)):
+        if not np.median(np.abs(off)) < NOISE_FREE * np.sqrt(np.mean(step**2)):
             return ()
     return (f"{log.path}: theta, theta_dot and theta_ddot are each other's integrals without noise: this looks like "
             "the simulator's ideal suite, the truth and not what sensors measure; declared noises do not apply to it",)

@@ -17,14 +17,14 @@ from sim.sections import Nominal
 
 from . import channels, relations, stamps
 from .fault import Fault
-from .log import SHORTEST, Log
+from .log import SHORTEST_STEP, Log
 from .rates import Rate, rate_of, slower
 from .slope import Columns, unit_of_time
 from .vehicle import guided_faults
 
 __all__ = ["DataCheck", "Fault", "check"]
 
-VALUES = (*channels.MEASURED, "theta_ddot", "beta_cmd", "theta_ref")
+VALUES = (*channels.SENSOR_COLUMNS, "theta_ddot", "beta_cmd", "theta_ref")
 FEWEST_RELATED = 60   # usable rows: less do not tell units and signs
 
 
@@ -59,7 +59,7 @@ def check(log: Log, nominal: Nominal | None) -> DataCheck:
     """
     usable = stamps.usable_rows(log.t)
     faults = stamps.stamp_faults(log.t, usable)
-    rates = {name: rate_of(log.t, getattr(log, name)) for name in channels.MEASURED}
+    rates = {name: rate_of(log.t, getattr(log, name)) for name in channels.SENSOR_COLUMNS}
     masks, single = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, usable,
                                     {name: rate.own for name, rate in rates.items()})
     faults += single
@@ -80,7 +80,7 @@ def _between(log: Log, nominal: Nominal, usable: np.ndarray, masks: dict[str, np
     faults, factor = stamps.unit_fault(log.t[usable], nominal, by_slope)
     faults += stamps.origin_fault(log.t[usable] / factor, nominal)
     times = times / factor
-    if not columns or not times[1] - times[0] >= SHORTEST:
+    if not columns or not times[1] - times[0] >= SHORTEST_STEP:
         return faults
     changes = list(relations.relation_faults(columns, float(times[1] - times[0]), nominal, times))
     faults += [fault for _, fault in changes] if changes else guided_faults(log, nominal, masks)
@@ -96,7 +96,7 @@ def related(log: Log, usable: np.ndarray, masks: dict[str, np.ndarray]) -> tuple
     t = log.t[usable]
     grid = stamps.uniform_times(t) if len(t) >= FEWEST_RELATED else np.zeros(0)
     columns: Columns = {}
-    for name in relations.RELATED if len(grid) >= FEWEST_RELATED else ():
+    for name in relations.RELATED_COLUMNS if len(grid) >= FEWEST_RELATED else ():
         good = masks[name][usable] if name in masks else np.zeros(len(t), bool)
         if 2 * np.count_nonzero(good) > len(t):
             columns[name] = np.interp(grid, t[good], getattr(log, name)[usable][good])

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from .channels import NEAR
+from .channels import ROWS_NEXT_TO
 from .check import measured
 from .detect import check
 from .log import Log
 
 CONTEXT = 300      # rows before a row, by which it is judged
-BEHIND = NEAR + 3  # rows behind it: a spike shows by these
-TOGETHER = 0.5     # s of rows that are judged at once: a page is late by as much
+BEHIND = ROWS_NEXT_TO + 3  # rows behind it: a spike shows by these
+SAME_MOMENT = 0.5  # s of rows that are judged at once: a page is late by as much
 
 
 class LiveCheck:
@@ -32,7 +32,7 @@ class LiveCheck:
     """
 
     def __init__(self, period: float) -> None:
-        self._block = max(1, round(TOGETHER / period))
+        self._block = max(1, round(SAME_MOMENT / period))
         self._kept: Log | None = None
         self._judged = 0   # of the kept rows: these are context
 

@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     from sim.result import Columns as Table
     from sim.result import Figure
 
-MEASURED = Path(sim.__file__).parent / "data" / "logs"  # that come with the package
+MEASURED_LOGS = Path(sim.__file__).parent / "data" / "logs"  # that come with the package
 STANDARD_INPUT = "-"
-SHORTEST = 1.0e-6  # s between samples, the estimator's least: stamps that are nearer are no times
+SHORTEST_STEP = 1.0e-6  # s between samples, the estimator's least: stamps that are nearer are no times
 FED = 4096         # rows that are samples at a time
-MOVING = ("theta", "theta_dot", "beta")  # where anything moves
+MOVING_COLUMNS = ("theta", "theta_dot", "beta")  # where anything moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class Log(Result):
             limit = getattr(Config, f"{name}_limit", math.inf)
             if rows := int(np.count_nonzero(np.abs(x) > limit)):
                 beyond.append(f"{name} is beyond {limit:g} {units.get(name, 'rad')} in {rows} of {len(x)} rows")
-            if name in MOVING and np.nanmax(x, initial=-math.inf) == np.nanmin(x, initial=math.inf):
+            if name in MOVING_COLUMNS and np.nanmax(x, initial=-math.inf) == np.nanmin(x, initial=math.inf):
                 still.append(name)
         said = [f"{'; '.join(beyond)}, which rejects them: expected SI units"] if beyond else []
         if still:
@@ -143,9 +143,9 @@ class Log(Result):
         steps = np.diff(self.t[np.isfinite(self.t)])
         steps = steps[steps > 0]
         period = float(np.median(steps)) if len(steps) > 0 else None
-        if period is not None and not period >= SHORTEST:
+        if period is not None and not period >= SHORTEST_STEP:
             raise InputError(f"{self.path}: column t: its median step is {period:g} s; expected at least "
-                             f"{SHORTEST:g} s")
+                             f"{SHORTEST_STEP:g} s")
         return period
 
     def samples(self) -> Iterator[Sample]:
@@ -164,13 +164,13 @@ class Log(Result):
 
 def measured_logs() -> tuple[str, ...]:
     """Names of the logs that come with the package."""
-    return tuple(sorted(path.stem for path in MEASURED.glob("*.csv")))
+    return tuple(sorted(path.stem for path in MEASURED_LOGS.glob("*.csv")))
 
 
 def locate_log(text: str) -> Path:
     """A log by path, or by the name of one that comes with the package when no such file exists."""
     path = Path(text)
-    return MEASURED / f"{text}.csv" if text in measured_logs() and not path.is_file() else path
+    return MEASURED_LOGS / f"{text}.csv" if text in measured_logs() and not path.is_file() else path
 
 
 @contextlib.contextmanager
@@ -186,8 +186,8 @@ def _opened(path: str) -> Iterator[TextIO]:
         with open(number, closefd=False, **AS_TEXT) as file:
             yield file
         return
-    from sim.nominal import BUILT_IN, STANDS
-    if path.endswith(".toml") or (path in BUILT_IN + STANDS and not os.path.exists(path)):
+    from sim.nominal import BUILT_IN, STAND_NOMINALS
+    if path.endswith(".toml") or (path in BUILT_IN + STAND_NOMINALS and not os.path.exists(path)):
         raise InputError(f"{path}: a nominal; the log comes first: COMMAND LOG NOMINAL")
     if os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode):
         if is_read(path):

@@ -15,15 +15,17 @@ import numpy as np
 from .fault import Fault
 from .stamps import usable_rows
 
-OWN, HELD, INTERPOLATED = "own", "held", "interpolated"
+OWN, HELD_WORD, INTERPOLATED = "own", "held", "interpolated"
 FEWEST_VALUES = 20     # less tell no rate
 REGULAR = 0.9          # of the values stay for the usual number of rows, or one more or less
 QUANTA = 3.5           # times the smallest step the usual one is at least
-SMALLEST = 0.2         # of the steps may be about the smallest: of a quantised motion most are
-LEVELS = tuple(10.0 ** (-0.5 * k) for k in range(1, 21))  # of the largest bend: corners are above one, rounding below
+SMALLEST_STEPS = 0.2   # of the steps may be about the smallest: of a quantised motion most are
+# of the largest bend: corners are above one, rounding below
+BEND_LEVELS = tuple(10.0 ** (-0.5 * k) for k in range(1, 21))
 STRAIGHT = 0.1         # of a corner's bend, at most of a line's
 CORNER = 2             # rows at most: one that falls between two rows bends both
-EXACT = 1.0e-15        # of the largest value, and of the longest line over the stamps: the computer's own rounding
+# of the largest value, and of the longest line over the stamps: the computer's own rounding
+COMPUTER_ROUNDING = 1.0e-15
 FEWEST_SLOPES = 10     # of lines: a triangular or rate-limited motion has two or three
 SAME_SLOPE = 1.0e-3    # of their root mean square
 
@@ -43,7 +45,7 @@ class Rate:
     @property
     def words(self) -> str:
         """The words for a column of this rate."""
-        between = "each value repeated in the rows up to the next" if self.kind == HELD else \
+        between = "each value repeated in the rows up to the next" if self.kind == HELD_WORD else \
             "interpolated: what it did between is not in the log"
         return f"of {1.0 / self.period:.3g} Hz, {between}"
 
@@ -52,7 +54,7 @@ class Rate:
 def rate_of(t: np.ndarray, x: np.ndarray) -> Rate:
     """The rate of a column x (n,) with stamps t (n,) [s]; what is no number, or has no usable stamp, is left out."""
     rows = np.flatnonzero(usable_rows(t) & np.isfinite(x))
-    for kind, find in ((HELD, _values), (INTERPOLATED, _corners)):
+    for kind, find in ((HELD_WORD, _values), (INTERPOLATED, _corners)):
         begins = find(t[rows], x[rows])
         if len(begins):
             own = np.zeros(len(x), bool)
@@ -69,7 +71,7 @@ def _values(t: np.ndarray, x: np.ndarray) -> np.ndarray:
     lengths, moves = np.diff(begins), np.abs(np.diff(x[begins]))
     inside = (x[begins] > np.min(x)) & (x[begins] < np.max(x))  # at a limit one value follows another unseen
     usual = _usual(lengths[inside[:-1]])
-    if usual < 2 or np.median(moves) < QUANTA * np.min(moves) or np.mean(moves < 1.5 * np.min(moves)) > SMALLEST:
+    if usual < 2 or np.median(moves) < QUANTA * np.min(moves) or np.mean(moves < 1.5 * np.min(moves)) > SMALLEST_STEPS:
         return begins[:0]
     return begins
 
@@ -84,12 +86,12 @@ def _corners(t: np.ndarray, x: np.ndarray) -> np.ndarray:
         return none
     h, step = np.diff(t), np.diff(x)
     bends = np.abs(step[1:] * h[:-1] - step[:-1] * h[1:]) / (h[1:] + h[:-1])
-    exact = EXACT * (np.max(np.abs(x)) + np.max(np.abs(step)) * np.max(np.abs(t)) / np.median(h))
+    exact = COMPUTER_ROUNDING * (np.max(np.abs(x)) + np.max(np.abs(step)) * np.max(np.abs(t)) / np.median(h))
     largest = np.max(bends)
     if not np.isfinite(largest):
         return none
     most = none
-    for level in LEVELS:
+    for level in BEND_LEVELS:
         if not level * largest > exact:
             break
         bent = np.concatenate([[False], bends > level * largest, [False]])

@@ -57,10 +57,10 @@ LAG_CLEAR = 0.2          # share of the nozzle's changes explained at the best l
 ROUGHER = 3.0            # times: the measured attitude against a reference
 FAR_OUT = 0.6            # rad: an attitude reference of small-angle flight does not reach it
 FAULTS_AT_MOST = 4
-RELATED = ("theta", "theta_dot", "beta", "beta_cmd", "theta_ref", "alpha")
-WORDS = {"swapped": "{} look exchanged over the whole log: {}; exchange the two column names",
-         "unit": "{} looks like degrees over the whole log: {}; multiply it by pi/180",
-         "sign": "{} has the opposite sign over the whole log: {}; multiply it by -1"}
+RELATED_COLUMNS = ("theta", "theta_dot", "beta", "beta_cmd", "theta_ref", "alpha")
+RELATION_WORDS = {"swapped": "{} look exchanged over the whole log: {}; exchange the two column names",
+                  "unit": "{} looks like degrees over the whole log: {}; multiply it by pi/180",
+                  "sign": "{} has the opposite sign over the whole log: {}; multiply it by -1"}
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def relation_faults(columns: Columns, period: float, nominal: Nominal,
 
 
 def _fault(change: Change, times: np.ndarray) -> Fault:
-    text = WORDS[change.kind].format(" and ".join(change.channels), change.reason)
+    text = RELATION_WORDS[change.kind].format(" and ".join(change.channels), change.reason)
     channel = change.channels[0] if len(change.channels) == 1 else None
     return Fault(change.kind, channel, float(times[0]), float(times[-1]), len(times), text)
 

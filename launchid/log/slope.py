@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.shown import SLOW
+from sim.shown import SLOWEST_PERIOD
 
 from ..sums import combined, least_squares, square
 
@@ -26,10 +26,10 @@ SAME_UNIT = 1.6          # a gain of a unit within this factor: milliseconds and
 ENOUGH_BLOCKS = 30       # of the longest length: the best of several by chance explains less than CLEAR
 ONE_MOTION = 0.98        # share of the variance of theta's changes that theta_dot must explain to tell a scale
 SAME_SCALE = 0.01        # relative: nobody calibrates a gyro better in a vehicle
-SURE = 5.0               # standard deviations
-NEIGHBOURS = 2.0         # times the variance of independent residuals: those of neighbouring blocks share one
+SLOPE_SIGMAS = 5.0       # standard deviations
+SHARED_RESIDUALS = 2.0   # times the variance of independent residuals: those of neighbouring blocks share one
 NOISE_SHARE = 0.1        # of the changes of theta: what else theta_dot leaves of them is motion
-TIME_UNITS = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9), ("", 1.0))  # "": seconds
+TIME_SCALES = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9), ("", 1.0))  # "": seconds
 LONG_UNITS = (("minutes", 1.0 / 60.0), ("hours", 1.0 / 3600.0), ("days", 1.0 / 86400.0))  # how many are a second
 SAME_CLOCK = 0.04        # relative, of a gain that is a long unit of time: 60 (minutes) is 4.7 % from 57.3 (degrees)
 
@@ -141,15 +141,16 @@ def foreign_scale(columns: Columns, period: float, known: np.ndarray) -> tuple[f
     gain, blocks = fit.gain[0], np.count_nonzero(known) * period / RATE_BLOCK
     if blocks < ENOUGH_BLOCKS or fit.explained < ONE_MOTION:
         return None
-    std = abs(gain) * math.sqrt(NEIGHBOURS * (1.0 / fit.explained - 1.0) / blocks)
-    return (1.0 / gain, std / gain**2) if abs(gain - 1.0) > max(SURE * std, SAME_SCALE) else None
+    std = abs(gain) * math.sqrt(SHARED_RESIDUALS * (1.0 / fit.explained - 1.0) / blocks)
+    return (1.0 / gain, std / gain**2) if abs(gain - 1.0) > max(SLOPE_SIGMAS * std, SAME_SCALE) else None
 
 
 def unit_of_time(columns: Columns, period: float) -> tuple[str, float, str] | None:
     """(unit, how many are a second, why) of stamps `period` apart, by the slope; ("", 1, ""): seconds; None: it does
     not tell.
 
-    Rows of a log are less than SLOW apart: where they are not, a gain that is not that of degrees is that of t.
+    Rows of a log are less than SLOWEST_PERIOD apart: where they are not, a gain that is not that of degrees is that of
+    t.
     """
     if not {"theta", "theta_dot"} <= set(columns):
         return None
@@ -160,12 +161,12 @@ def unit_of_time(columns: Columns, period: float) -> tuple[str, float, str] | No
     for name, factor in LONG_UNITS if not near(gain, 1.0, SAME_UNIT) else ():
         if abs(gain * factor - 1.0) < SAME_CLOCK:
             return name, factor, f"theta_dot is {1.0 / gain:.4g} times the slope of theta"
-    if not period > SLOW or near(gain, 1.0, SAME_UNIT):
+    if not period > SLOWEST_PERIOD or near(gain, 1.0, SAME_UNIT):
         return "", 1.0, ""
     why = f"theta_dot is {1.0 / gain:.4g} times the slope of theta"
     if period == 1.0:
         return "row numbers", 1.0 / gain, f"its step is 1, {why}"
-    for name, factor in TIME_UNITS:
+    for name, factor in TIME_SCALES:
         if any(near(gain * factor, angle, SAME_UNIT) for angle in (1.0, DEGREES, 1.0 / DEGREES)):
             return name, factor, f"its step is {period:.4g}, {why}" if name else ""
     return f"units of {gain:.3g} s", 1.0 / gain, f"its step is {period:.4g}, {why}"

@@ -11,11 +11,11 @@ import numpy as np
 from sim.sections import Nominal
 
 from .fault import Fault
-from .slope import LONG_UNITS, TIME_UNITS
+from .slope import LONG_UNITS, TIME_SCALES
 
-GAP = 1.75                 # local periods: a longer step has lost a stamp (one lost: 2)
+LOST_STAMP = 1.75          # local periods: a longer step has lost a stamp (one lost: 2)
 GAP_JITTERED = 1.5         # local periods, where the log jitters by 20 %: at most 1.4 without a loss, at least 1.6 with
-NEIGHBOURS = 15            # steps on either side that give the local period: a log may change its rate
+LOCAL_STEPS = 15           # steps on either side that give the local period: a log may change its rate
 SAME_RATE = 0.2            # relative difference of periods that jitter alone makes
 JITTER_QUANTILE = 0.95     # of the steps' distance from the period: odd single steps are not jitter
 RATE_SLACK = 5.0           # the log's rate may differ from the nominal's by this factor either way
@@ -23,8 +23,8 @@ MOST_LOST = 1.0e15         # rows in a gap: beyond, a stamp is no time, and a co
 COARSE = 0.5               # of the stamps repeat the one before: rows were not written twice, a clock was printed short
 OUT_OF_ORDER = 0.25        # of the steps go back: no clock is reset as often
 LONGEST_GRID = 4           # times the rows: a log with one gap of a day must not fill the memory
-TICK = 0.01                # of a period: a resolution finer than that changes no step that is seen
-WITHIN = 1.1               # resolutions about the line through the rows: the line itself is fitted
+STAMP_RESOLUTION = 0.01    # of a period: a resolution finer than that changes no step that is seen
+LINE_TOLERANCE = 1.1       # resolutions about the line through the rows: the line itself is fitted
 FEWEST_TICKS = 20          # stamps: fewer lie near a line by chance
 LOCAL = 200                # rows over which the period is taken where rows are lost
 FOLLOWED = 0.05            # of its distance from a stamp, by which the grid follows where rows are lost
@@ -49,15 +49,15 @@ def usable_rows(t: np.ndarray) -> np.ndarray:
 
 def tick_of(t: np.ndarray) -> float:
     """Return the resolution [s] of stamps t (n,) that do not go back: the smallest difference between their steps, of
-    those that TICK tells apart, where the steps are so many of it, and not all of them as many; else 0."""
+    those that STAMP_RESOLUTION tells apart, where the steps are so many of it, and not all of them as many; else 0."""
     steps = np.diff(t)
     apart = np.diff(np.sort(np.append(steps, 0.0)))
-    apart = apart[apart > TICK * min(np.mean(steps), np.median(steps[steps > 0.0]))]
+    apart = apart[apart > STAMP_RESOLUTION * min(np.mean(steps), np.median(steps[steps > 0.0]))]
     if not len(apart):
         return 0.0
     tick = float(np.min(apart))
     many = np.round(steps / tick)
-    return tick if np.ptp(many) > 0.0 and np.max(np.abs(steps - many * tick)) <= TICK * tick else 0.0
+    return tick if np.ptp(many) > 0.0 and np.max(np.abs(steps - many * tick)) <= STAMP_RESOLUTION * tick else 0.0
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -73,13 +73,14 @@ def even_grid(t: np.ndarray) -> tuple[np.ndarray, float, float] | None:
     if not np.any(steps > 0.0):
         return None
     tick, mean, usual = tick_of(t), float(np.mean(steps)), float(np.median(steps[steps > 0.0]))
-    if not TICK * mean < tick <= GAP_JITTERED * usual or (np.any(steps == 0.0) and np.mean(steps == 0.0) < COARSE):
+    if not STAMP_RESOLUTION * mean < tick <= GAP_JITTERED * usual or (np.any(steps == 0.0)
+                                                                      and np.mean(steps == 0.0) < COARSE):
         return None
     for row in (np.arange(len(t)), _rows_with_lost(t, usual)):
         slope, start = np.polyfit(row, t - t[0], 1)
         grid = t[0] + start + slope * row
-        if np.ptp(t - grid) <= WITHIN * tick and slope > 0.0:
-            return (grid, float(slope), tick) if np.max(np.abs(t - grid)) > TICK * slope else None
+        if np.ptp(t - grid) <= LINE_TOLERANCE * tick and slope > 0.0:
+            return (grid, float(slope), tick) if np.max(np.abs(t - grid)) > STAMP_RESOLUTION * slope else None
     return None
 
 
@@ -99,10 +100,10 @@ def _rows_with_lost(t: np.ndarray, usual: float) -> np.ndarray:
 
 def local_periods(steps: np.ndarray) -> np.ndarray:
     """Median [s] of the steps (n,) around each of them."""
-    padded = np.pad(steps, NEIGHBOURS, mode="symmetric") if len(steps) > NEIGHBOURS else None
+    padded = np.pad(steps, LOCAL_STEPS, mode="symmetric") if len(steps) > LOCAL_STEPS else None
     if padded is None:
         return np.full(len(steps), np.median(steps))
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1), axis=1))
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * LOCAL_STEPS + 1), axis=1))
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of stamps that are no times: what is infinite is beyond a limit too
@@ -116,7 +117,7 @@ def gaps(t: np.ndarray, row: np.ndarray) -> list[tuple[float, float, int]]:
         return []
     period = float(np.median(steps))
     jitter = float(np.quantile(np.abs(steps / period - 1.0), JITTER_QUANTILE))
-    limit = GAP_JITTERED if 0.1 < jitter < GAP_JITTERED - 1.0 else GAP
+    limit = GAP_JITTERED if 0.1 < jitter < GAP_JITTERED - 1.0 else LOST_STAMP
     if np.max(steps) <= limit * np.min(steps):
         return []
     local = local_periods(steps)
@@ -176,7 +177,7 @@ def unit_fault(t: np.ndarray, nominal: Nominal, by_slope: tuple[str, float, str]
         return [], 1.0
     return [Fault("unit", "t", float(t[0]), float(t[-1]), len(t),
                   f"t looks like {unit} over the whole log: {why}; "
-                  + (f"divide it by {factor:g}" if (unit, factor) in TIME_UNITS else
+                  + (f"divide it by {factor:g}" if (unit, factor) in TIME_SCALES else
                      f"multiply it by {1.0 / factor:g}" if (unit, factor) in LONG_UNITS else
                      f"multiply it by about {1.0 / factor:.3g} s"))], factor
 
@@ -185,7 +186,7 @@ def time_unit(t: np.ndarray, period: float) -> tuple[str, float, str]:
     """(unit, how many are a second, why) of increasing stamps t (n,), by the nominal sample period [s]; ("", 1, ""):
     seconds."""
     step = float(np.median(np.diff(t))) if len(t) > 2 else period
-    for name, factor in TIME_UNITS[:-1]:
+    for name, factor in TIME_SCALES[:-1]:
         if factor / RATE_SLACK <= step / period <= factor * RATE_SLACK:
             return name, factor, f"its step is {step:.4g}, the nominal's {period:.4g} s"
     return "", 1.0, ""

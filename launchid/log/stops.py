@@ -22,13 +22,13 @@ FEWEST_LEVELS = 20     # different values: a channel of fewer shows its quantum,
 BESIDE_VALUES = 3      # values next to the last one
 MORE_OFTEN = 4.0       # times as many rows as any of these: at the crest of a quantised sine 2.4
 SELDOM = 0.2           # of the other rows repeat the one before, at most: a reference rests elsewhere too
-LEAST = 0.1            # of the largest value: nearer to zero no sensor's range ends
+MIN_STOP = 0.1         # of the largest value: nearer to zero no sensor's range ends
 ENTRY = 3              # steps before a run
-FAST = 0.1             # of the usual step, the largest of these: what comes to rest is slower
+LARGEST_STEP_AT_REST = 0.1  # of the usual step, the largest of these: what comes to rest is slower
 OVERFLOW = 0.75        # of the whole range, that a number that overflows jumps over
 WITHOUT = 2.0          # times as large as any other step
 CHOSEN = 3             # rows beside a stop that are left out with it
-LASTS = 3              # rows beyond the end, once at least: else these are spikes
+MIN_ROWS_AT_STOP = 3   # rows beyond the end, once at least: else these are spikes
 
 
 def end_stops(x: np.ndarray) -> np.ndarray:
@@ -43,13 +43,13 @@ def end_stops(x: np.ndarray) -> np.ndarray:
     repeats, usual = steps == 0.0, float(np.median(steps[steps > 0.0]))
     ends = [value for value, count, beside in ((values[-1], rows[-1], rows[-1 - BESIDE_VALUES:-1]),
                                                (values[0], rows[0], rows[1:1 + BESIDE_VALUES]))
-            if abs(value) > LEAST * np.max(np.abs(x)) and count >= max(FEWEST_STOPPED, MORE_OFTEN * np.max(beside))]
+            if abs(value) > MIN_STOP * np.max(np.abs(x)) and count >= max(FEWEST_STOPPED, MORE_OFTEN * np.max(beside))]
     elsewhere = ~np.isin(x[1:], ends)
     if np.count_nonzero(repeats & elsewhere) > SELDOM * np.count_nonzero(elsewhere):
         return stopped
     for at in (x == value for value in ends):
         entries = [steps[max(0, start - ENTRY):start].max(initial=0.0) for start, end in runs_of(at) if end < len(x)]
-        if max(entries, default=0.0) > FAST * usual:
+        if max(entries, default=0.0) > LARGEST_STEP_AT_REST * usual:
             stopped |= at
     return stopped
 
@@ -84,7 +84,7 @@ def wrapped_rows(x: np.ndarray) -> np.ndarray:
     parts = np.repeat(level, np.diff(np.concatenate([[0], jumps + 1, [len(x)]])))
     values, counts = np.unique(parts, return_counts=True)
     over = np.asarray(parts != values[int(np.argmax(counts))])
-    return over if np.max(np.diff(runs_of(over), axis=1)) >= LASTS else np.zeros(len(x), bool)
+    return over if np.max(np.diff(runs_of(over), axis=1)) >= MIN_ROWS_AT_STOP else np.zeros(len(x), bool)
 
 
 def ran_over(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray) -> Iterator[Fault]:

@@ -14,10 +14,10 @@ from .fault import Fault
 from .log import Log
 
 SEAM = 0.5   # rad, from half a turn: no vehicle turns by more between two rows
-ANGLES = ("theta", "theta_ref")
+TURNING_COLUMNS = ("theta", "theta_ref")
 TURN = 2.0 * math.pi
-FIRST = 5    # rows whose median is where an attitude starts
-MOST = 3.0   # turns: an attitude that starts farther is none in radians
+FIRST_ATTITUDES = 5  # rows whose median is where an attitude starts
+MOST_TURNS = 3.0  # turns: an attitude that starts farther is none in radians
 
 
 def continuous(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -47,7 +47,7 @@ def unwrapped(log: Log) -> tuple[Log, tuple[Fault, ...]]:
     If theta starts beyond half a turn, its whole turns are taken off theta and theta_ref.
     """
     found, columns = list[Fault](), dict[str, Any]()
-    for name in ANGLES:
+    for name in TURNING_COLUMNS:
         columns[name], rows = continuous(getattr(log, name))
         if len(rows):
             at = log.t[rows]
@@ -55,8 +55,8 @@ def unwrapped(log: Log) -> tuple[Log, tuple[Fault, ...]]:
                                f"{name} jumps across +-pi {len(at)} times, first at {at[0]:.6g} s: the whole turns are "
                                "put back"))
     theta = columns["theta"][np.isfinite(columns["theta"])]
-    first = float(np.median(theta[:FIRST])) if len(theta) else 0.0
-    if turns := round(first / TURN) if abs(first) < MOST * TURN and abs(first) > math.pi + SEAM else 0:
+    first = float(np.median(theta[:FIRST_ATTITUDES])) if len(theta) else 0.0
+    if turns := round(first / TURN) if abs(first) < MOST_TURNS * TURN and abs(first) > math.pi + SEAM else 0:
         columns = {name: x - TURN * turns for name, x in columns.items()}
         found.append(Fault("turned", "theta", float(log.t[0]), float(log.t[-1]), 0,
                            f"theta starts at {first:.4g} rad: {turns} whole turn{'s' * (abs(turns) != 1)} taken out"))

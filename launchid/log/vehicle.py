@@ -18,11 +18,21 @@ from sim.nominal import Nominal
 from ..sums import combined, inner, least_squares, square
 from .fault import Fault
 from .log import Log
-from .slope import DEGREES, ENOUGH_BLOCKS, NEIGHBOURS, RATE_BLOCK, SAME_UNIT, SURE, block_means, near, regress
+from .slope import (
+    DEGREES,
+    ENOUGH_BLOCKS,
+    RATE_BLOCK,
+    SAME_UNIT,
+    SHARED_RESIDUALS,
+    SLOPE_SIGMAS,
+    block_means,
+    near,
+    regress,
+)
 
 SIGN_LEAST = 0.4     # a ratio of -1 within this and its inverse
-EXPLAINED = 0.5      # share of the variance without it that beta must explain
-FOLLOWS = 0.8        # share of theta's variance that the guidance explains: in strong wind 0.93
+BETA_SHARE = 0.5     # share of the variance without it that beta must explain
+GUIDANCE_SHARE = 0.8  # share of theta's variance that the guidance explains: in strong wind 0.93
 NOISE_CHANNELS = (("theta", "theta_std", "theta_step"), ("theta_dot", "theta_dot_std", "theta_dot_step"),
                   ("beta", "beta_std", "beta_step"))
 NOISE_SLACK = 2.2    # noise is declared less well than a parameter, and a loop follows its guidance as well
@@ -54,7 +64,7 @@ def guided_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> l
         return []
     t = log.t[rows]
     fit = regress(log.theta[rows], [nominal.guidance.attitude_at(t)])
-    if not (fit.explained > FOLLOWS and near(fit.gain[0], DEGREES, NOISE_SLACK)):
+    if not (fit.explained > GUIDANCE_SHARE and near(fit.gain[0], DEGREES, NOISE_SLACK)):
         return []
     if not nominal.terms and _of_ratio(*_ratio(log, nominal, masks, rows)) is not None:
         return []  # beta is not of the unit of theta, and `plant_faults` says of which of the two that is
@@ -68,7 +78,7 @@ def _of_all(t: np.ndarray, why: str) -> Fault:
 
 def _of_ratio(ratio: float, std: float, explained: float) -> tuple[str, str, str] | None:
     """(kind, channel, message) of k1 over the nominal's, nothing if it may be true."""
-    if not (explained > EXPLAINED and abs(ratio) > SURE * std):
+    if not (explained > BETA_SHARE and abs(ratio) > SLOPE_SIGMAS * std):
         return None
     said = f"k1 comes out {ratio:.2g} times the nominal's"
     for factor, column in ((DEGREES, "theta"), (1.0 / DEGREES, "beta")):
@@ -108,7 +118,7 @@ def _ratio(log: Log, nominal: Nominal, masks: dict[str, np.ndarray], rows: np.nd
         return math.nan, math.nan, 0.0
     ratio = inner(beta, y) / power
     left = float(np.sum((y - ratio * beta) ** 2))
-    return ratio, math.sqrt(NEIGHBOURS * left / (len(y) - 3) / power), 1.0 - left / total
+    return ratio, math.sqrt(SHARED_RESIDUALS * left / (len(y) - 3) / power), 1.0 - left / total
 
 
 def _all_noise_in_degrees(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> bool:

@@ -51,7 +51,7 @@ ATTEMPTS = 3        # deaths of a chunk's workers before its jobs run alone; of 
 CHUNK = 16          # jobs a future at most: 1 s of flights, so that an interruption costs at most that a worker
 CHUNKS_A_WORKER = 4  # at least so many, so that the last ones keep all workers busy
 IN_FLIGHT = 3       # futures a worker: one runs, two wait; memory does not grow with the campaign
-WATCH = 1.0         # s, between a worker's looks whether its runner is there
+WATCH_PERIOD = 1.0  # s, between a worker's looks whether its runner is there
 MESSAGE = 200       # characters of an error's line
 
 Work = Callable[[Any], Row]
@@ -123,7 +123,7 @@ def _begin_worker(runner: int) -> None:
 
 def _end_with(runner: int) -> None:
     while os.getppid() == runner:
-        time.sleep(WATCH)
+        time.sleep(WATCH_PERIOD)
     os._exit(1)
 
 

@@ -21,9 +21,9 @@ Value = float | int | str
 Row = dict[str, Value]
 Outcome = Row | str   # of a job: its row, or the one line of its error
 
-FORMAT = "launchid campaign 1"
-ERROR = "error"       # the table's last column: empty, or why the job has no row
-LONGEST = 1 << 24     # bytes of a line: a row has a few hundred
+JOURNAL_FORMAT = "launchid campaign 1"
+ERROR_COLUMN = "error"  # the table's last column: empty, or why the job has no row
+JOURNAL_LINE = 1 << 24  # bytes of a line: a row has a few hundred
 
 
 class Journal:
@@ -35,7 +35,7 @@ class Journal:
     def __init__(self, path: Path, definition: str, jobs: int) -> None:
         self.path = path
         self.done = bytearray(jobs)
-        header = [FORMAT, definition, jobs]
+        header = [JOURNAL_FORMAT, definition, jobs]
         try:
             whole = self._read(header) if path.exists() else 0
             self._file = path.open("ab")
@@ -89,7 +89,7 @@ def read_lines(path: Path) -> Iterator[tuple[int, int, Any]]:
     """
     with path.open("rb") as file:
         number, end, broken = 0, 0, 0
-        while line := file.readline(LONGEST):
+        while line := file.readline(JOURNAL_LINE):
             number += 1
             if broken:
                 raise _damaged(path, broken)
@@ -151,7 +151,7 @@ def write_table(journal: Path, path: Path, jobs: Sequence[Any]) -> Table:
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file, \
             journal.open("rb") as lines:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*fields, *order, ERROR])
+        writer.writerow([*fields, *order, ERROR_COLUMN])
         for job, at in zip(jobs, place, strict=True):
             outcome = _outcome(lines, at)
             row = outcome if isinstance(outcome, dict) else {}

@@ -12,7 +12,7 @@ from sim.errors import InputError, UsageError, extra_needed
 if TYPE_CHECKING:
     from control import StateSpace, TransferFunction
 
-LINEAR = {"theta", "theta_dot", "beta", "1"}   # terms of a linear plant; a constant moves where it rests
+LINEAR_PLANT_TERMS = {"theta", "theta_dot", "beta", "1"}  # terms of a linear plant; a constant moves where it rests
 
 
 class ControlPlant(NamedTuple):
@@ -43,7 +43,7 @@ def control_plant(estimates: Sequence[Estimate], path: str, t: float | None) -> 
         raise InputError(f"{path}: no window is valid" + (f" at {t:g} s" if t is not None else ""))
     e = valid[-1]
     active = {term: float(e.xi[k, 1]) for k, term in enumerate(e.terms) if e.support[k, 1]}
-    if others := sorted(set(active) - LINEAR):
+    if others := sorted(set(active) - LINEAR_PLANT_TERMS):
         raise UsageError(f"to_control: the term {others[0]} is of no linear plant; expected theta, theta_dot, beta, 1")
     if not math.isfinite(e.a6 + e.k1):
         raise UsageError("to_control: the library has no theta or no beta; expected both")

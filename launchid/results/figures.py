@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from launchid_core import EDGES, Estimate, Level
-from sim.canvas import NOMINAL, TRACKED, TRACKED_BAND, UNIT, panels
+from sim.canvas import NOMINAL_COLOUR, TRACKED, TRACKED_BAND, UNIT, panels
 from sim.errors import UsageError
 from sim.flight import Flight
 from sim.nominal import Nominal
@@ -18,15 +18,15 @@ from sim.shown import with_std
 
 from ..log.log import Log
 from ..test_input import Plan
-from .residuals import APART, INCREMENT, Predicted, Residuals
+from .residuals import INCREMENT, LAG_OF_WHITENESS, Predicted, Residuals
 
 INTERVAL = 1.96     # standard deviations: 95 %
 DETERMINED = 3.0    # times the interval of the best quarter: a wider one does not set the scale, unless
-USABLE = 0.5        # of the value, within which an interval says something of it
-KNOWN = 1.0         # of the range: a delta known to less does not set the scale
-SURE = 3.0          # standard deviations of its time, after which a change has happened
+USABLE_SHARE = 0.5  # of the value, within which an interval says something of it
+KNOWN_DELTA = 1.0   # of the range: a delta known to less does not set the scale
+CHANGE_SIGMAS = 3.0  # standard deviations of its time, after which a change has happened
 MISSED = 1.5        # horizons from one prediction to the next, above which some are missing between
-FEW = 40            # predictions that are marked one by one
+MARKED_PREDICTIONS = 40  # predictions that are marked one by one
 WORDED = 2          # sudden changes of a parameter, up to which the legend gives their numbers
 MOST_DELTA = 2.5    # of the range that the uncertainty level's axis shows: beyond it out is out
 
@@ -41,7 +41,7 @@ def _delta_panel(axis: Any, t: np.ndarray, levels: list[Level], name: str) -> No
         axis.axhline(-edge, color="0.4", linestyle=line, linewidth=0.9)
     axis.plot(t, delta, color="0.0", linewidth=1.3, label="delta")
     axis.plot(t[out], delta[out], "x", color="0.0", markersize=4, label="out: another factor at play")
-    known = half <= KNOWN
+    known = half <= KNOWN_DELTA
     limit = min(max(1.3, 1.15 * float(np.max(np.abs(delta[known]), initial=0.0))), MOST_DELTA)
     axis.set_ylim(-limit, limit)
     _mark_edges(axis, t, delta, np.zeros(len(t)), -limit, limit)
@@ -64,7 +64,7 @@ def uncertainty_figure(log: Log, estimates: list[Estimate], nominal: Nominal) ->
         half = INTERVAL * np.array([getattr(x, f"{name}_std") for *_, x in known])
         axis = axes[2 + k]
         axis.fill_between(fine, value - spread, value + spread, color="0.88", label="range of the nominal")
-        axis.plot(fine, value, "--", color=NOMINAL, linewidth=1.4, label="nominal")
+        axis.plot(fine, value, "--", color=NOMINAL_COLOUR, linewidth=1.4, label="nominal")
         axis.plot(t, tracked, color=TRACKED, linewidth=1.3, label="tracked")
         axis.plot(t, tracked - half, ":", color=TRACKED, linewidth=0.9, label="its 95 % interval")
         axis.plot(t, tracked + half, ":", color=TRACKED, linewidth=0.9)
@@ -91,7 +91,7 @@ def _determined(value: np.ndarray, half: np.ndarray) -> np.ndarray:
     known = np.isfinite(value) & np.isfinite(half)
     if known.any():
         narrow = DETERMINED * float(np.quantile(half[known], 0.25, method="lower"))
-        known &= (half <= narrow) | (half <= USABLE * np.abs(value))
+        known &= (half <= narrow) | (half <= USABLE_SHARE * np.abs(value))
     return known
 
 
@@ -171,11 +171,11 @@ def _parameter_panel(axis: Any, name: str, log: Log, report: dict[str, Any], nom
     width = np.array([0.5 * (w["t_end"] - w["t_start"]) for w in windows])
     value, half = _numbers(windows, name), INTERVAL * _numbers(windows, f"{name}_std")
     changes = [change for change in report.get("changes", []) if change["parameter"] == name]
-    beside = _draw_tracked(axis, windows, name, [change["t"] + SURE * change["t_std"] for change in changes])
+    beside = _draw_tracked(axis, windows, name, [change["t"] + CHANGE_SIGMAS * change["t_std"] for change in changes])
     if nominal is not None:
         fine = np.linspace(float(np.nanmin(log.t)), float(np.nanmax(log.t)), 400)
         beside.append(nominal.vehicle.at(fine)[name == "k1"])
-        axis.plot(fine, beside[-1], "--", color=NOMINAL, linewidth=1.4, label="nominal")
+        axis.plot(fine, beside[-1], "--", color=NOMINAL_COLOUR, linewidth=1.4, label="nominal")
     seen, bound = np.isfinite(value), INTERVAL * _numbers(windows, f"{name}_bound")
     if seen.any():
         axis.errorbar(t[seen], value[seen], xerr=width[seen], yerr=np.nan_to_num(half[seen]), fmt="o", color="0.1",
@@ -267,7 +267,7 @@ def _whiteness_panel(axis: Any, residuals: Residuals) -> None:
         axis.text(0.5, 0.5, "too few rows for a correlation", ha="center", fontsize=8, transform=axis.transAxes)
         return
     values, band = residuals.correlation.values, residuals.correlation.band
-    lags = APART * INCREMENT * (1 + np.arange(len(values)))
+    lags = LAG_OF_WHITENESS * INCREMENT * (1 + np.arange(len(values)))
     axis.axhspan(-band, band, color="0.88")
     axis.vlines(lags, 0.0, values, color="0.1")
     axis.plot(lags, values, "o", color="0.1", markersize=3)
@@ -284,7 +284,7 @@ def _prediction_panel(axis: Any, predicted: Predicted) -> None:
     base = predicted.measured - predicted.change
     gaps = 1 + np.flatnonzero(np.diff(predicted.t) > MISSED * predicted.horizon)
     t = np.insert(predicted.t, gaps, np.nan)  # which breaks the lines
-    few = "o" if len(predicted.t) < FEW else None
+    few = "o" if len(predicted.t) < MARKED_PREDICTIONS else None
     axis.plot(t, np.insert(predicted.change, gaps, np.nan), color="0.72", linewidth=2.6, marker=few,
               label=f"measured ({len(predicted.t)})" + (f"; sensor noise alone: fit {predicted.ceiling:.0f} %"
                                                         if math.isfinite(predicted.ceiling) else ""))
@@ -316,7 +316,7 @@ def flight_figure(flight: Flight, nominal: Nominal) -> Figure:
     axes[0].plot(flight.t, flight.theta_ref, "--", color="0.5", linewidth=1.0, label="theta_ref")
     for axis, name in zip(axes[3:], ("a6", "k1"), strict=True):
         axis.plot(flight.t, getattr(flight, name), color="0.1", label="truth")
-        axis.plot(flight.t, nominal.vehicle.at(flight.t)[name == "k1"], "--", color=NOMINAL, label="nominal")
+        axis.plot(flight.t, nominal.vehicle.at(flight.t)[name == "k1"], "--", color=NOMINAL_COLOUR, label="nominal")
         axis.set_ylabel(f"{name} [{UNIT}]")
     for axis in (axes[0], axes[2], axes[3]):
         _legend(axis)

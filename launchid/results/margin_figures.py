@@ -7,21 +7,21 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.canvas import NOMINAL, TRACKED, TRACKED_BAND
+from sim.canvas import NOMINAL_COLOUR, TRACKED, TRACKED_BAND
 from sim.nominal import Nominal
 
 from ..log.log import Log
-from ..robustness.flight_margins import UNITS, WORDS, Judged, WindowMargins, declared_servo, required_of
+from ..robustness.flight_margins import MARGIN_TITLES, MARGIN_UNITS, Judged, WindowMargins, declared_servo, required_of
 from ..robustness.loops import Loops, loops, plants_of
-from ..robustness.margin_spread import NAMES, ellipsoid
+from ..robustness.margin_spread import MARGIN_NAMES, ellipsoid
 
 DECADES = (-1.0, 0.02)   # of the frequency axis around the crossover: from, and below half the sampling rate
-POINTS = 400
+CURVE_POINTS = 400
 RIM = 96                 # loops on the ellipsoid that draw the region
 CORNERS = np.array([(a, k) for a in (-1.0, 1.0) for k in (-1.0, 1.0)])
-PHASES = (-400.0, -80.0)  # deg that the Bode plot shows
+PHASE_AXIS = (-400.0, -80.0)  # deg that the Bode plot shows
 MOST_WIDE = 8.0          # times the median interval: a wider one says little, and sets no scale
-REACH = 40.0             # dB that the Nichols chart shows of either side
+NICHOLS_RANGE = 40.0     # dB that the Nichols chart shows of either side
 
 
 def margins_figure(log: Log, nominal: Nominal, windows: Sequence[WindowMargins], report: dict[str, Any]) -> Figure:
@@ -29,9 +29,9 @@ def margins_figure(log: Log, nominal: Nominal, windows: Sequence[WindowMargins],
     has margins, as a Nichols chart and as a Bode plot, beside the nominal's loop and those of its box."""
     figure = Figure(figsize=(13.5, 8.6), layout="constrained")
     figure.suptitle(f"{Path(log.path).name}: stability margins of the loop as identified, 95 % intervals", fontsize=11)
-    grid = figure.add_gridspec(len(NAMES), 2, width_ratios=[1.15, 1.0])
+    grid = figure.add_gridspec(len(MARGIN_NAMES), 2, width_ratios=[1.15, 1.0])
     over: list[Any] = []
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(MARGIN_NAMES):
         over.append(figure.add_subplot(grid[k, 0], sharex=over[0] if over else None))
         _over_time(over[k], name, report, nominal)
     over[0].legend(fontsize=7, ncol=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
@@ -76,7 +76,7 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
             axis.axvspan(w["t_start"], w["t_end"], facecolor="0.96", edgecolor="0.8", hatch="//", linewidth=0, zorder=0)
             axis.text(0.5 * (w["t_start"] + w["t_end"]), 0.05, w["status"], ha="center", fontsize=6, color="0.25",
                       transform=axis.get_xaxis_transform())
-    axis.set_ylabel(f"{WORDS[name]}\n[{UNITS[name]}]", fontsize=8)
+    axis.set_ylabel(f"{MARGIN_TITLES[name]}\n[{MARGIN_UNITS[name]}]", fontsize=8)
     _scale(axis, np.concatenate(shown) if shown else np.zeros(0), demand)
 
 
@@ -97,7 +97,7 @@ def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal, window: WindowMargin
     family = _family(window.window, nominal)
     believed = np.array([*(float(x) for x in nominal.vehicle.at(np.array(middle))), *declared_servo(nominal).mean])
     top = np.log10(np.pi / controller.period)
-    omega = np.logspace(DECADES[0], top - DECADES[1], POINTS)
+    omega = np.logspace(DECADES[0], top - DECADES[1], CURVE_POINTS)
     band = _response(loops(plants_of(family), controller), omega)
     nichols, gain, phase = axes
     nichols.plot(band[1][1:].T, band[0][1:].T, color="0.82", linewidth=1.6, zorder=1)
@@ -109,20 +109,20 @@ def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal, window: WindowMargin
         sigma = np.array([float(x) for x in nominal.uncertainty.at(np.array(middle))])
         box = np.column_stack([believed[:2] * (1.0 + sigma * CORNERS), np.tile(believed[2:], (4, 1))])
         corners = _response(loops(plants_of(box), controller), omega)
-        nichols.plot(corners[1].T, corners[0].T, ":", color=NOMINAL, linewidth=0.9, zorder=2)
-        nichols.plot([], [], ":", color=NOMINAL, label="corners of the nominal's range")
+        nichols.plot(corners[1].T, corners[0].T, ":", color=NOMINAL_COLOUR, linewidth=0.9, zorder=2)
+        nichols.plot([], [], ":", color=NOMINAL_COLOUR, label="corners of the nominal's range")
     response = _response(loops(plants_of(believed[None]), controller), omega)
     decibels, degrees = (each[0] for each in response)
     for axis, x, y in ((nichols, degrees, decibels), (gain, omega, decibels), (phase, omega, degrees)):
-        axis.plot(x, y, "--", color=NOMINAL, linewidth=1.3, label="nominal", zorder=3)
+        axis.plot(x, y, "--", color=NOMINAL_COLOUR, linewidth=1.3, label="nominal", zorder=3)
     nichols.plot(band[1][0], band[0][0], color="0.0", linewidth=1.4, label="as identified", zorder=4)
     _required_cross(nichols, nominal)
     nichols.set_title(f"window {window.t_start:g}..{window.t_end:g} s", fontsize=9, loc="left")
     gain.axhline(0.0, color="0.4", linewidth=0.7)
     phase.axhline(-180.0, color="0.4", linewidth=0.7)
-    gain.set_ylim(-REACH, REACH)
+    gain.set_ylim(-NICHOLS_RANGE, NICHOLS_RANGE)
     gain.set_ylabel("|L| [dB]", fontsize=8)
-    phase.set_ylim(*PHASES)
+    phase.set_ylim(*PHASE_AXIS)
     phase.set_ylabel("phase of L [deg]", fontsize=8)
     phase.set_xlabel("frequency [rad/s]", fontsize=8)
     gain.legend(fontsize=7, loc="upper right")
@@ -151,7 +151,7 @@ def _required_cross(axis: Any, nominal: Nominal) -> None:
     axis.plot([-180.0 - phase, -180.0, -180.0 + phase, -180.0, -180.0 - phase], [0.0, gain, 0.0, -gain, 0.0], "-.",
               color="0.0", linewidth=1.0, zorder=5, label=f"required: {gain:g} dB, {phase:g} degrees")
     axis.set_xlim(-300.0, -90.0)
-    axis.set_ylim(-REACH, REACH)
+    axis.set_ylim(-NICHOLS_RANGE, NICHOLS_RANGE)
     axis.set_xticks(range(-300, -89, 30))
     axis.set_xlabel("open-loop phase [deg]", fontsize=8)
     axis.set_ylabel("open-loop gain [dB]", fontsize=8)

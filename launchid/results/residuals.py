@@ -27,15 +27,16 @@ from ..log.check import checked
 from ..log.log import Log
 from ..sums import inner, square
 from ..weakform.judge import INCREMENT
-from ..weakform.rows import SLOPE, Rows, column, increments, noise_variance, slope, usable
+from ..weakform.rows import SLOPE_SPAN, Rows, column, increments, noise_variance, slope, usable
 from ..weakform.windows import active_terms
 
 HORIZONS = (0.1, 0.5, 1.0)  # s
-APART = 2        # increments from one to the next that counts for whiteness: neighbours share a sample and its noise
-LEAST = 1e-3     # 1/s^2: a parameter of the profile below it has no shape to speak of
-LAGS = 10
-FEWEST = 5       # predictions with a fit
-DRAWS, SEED = 4, 0   # of the noise: 20 predictions then tell its share to 8 %; the same numbers each time
+# increments from one to the next that counts for whiteness: neighbours share a sample and its noise
+LAG_OF_WHITENESS = 2
+MIN_PARAMETER = 1e-3  # 1/s^2: a parameter of the profile below it has no shape to speak of
+RESIDUAL_LAGS = 10
+MIN_PREDICTIONS = 5  # predictions with a fit
+RESIDUAL_DRAWS, SEED = 4, 0  # of the noise: 20 predictions then tell its share to 8 %; the same numbers each time
 RIGID = {"theta", "beta"}
 
 
@@ -51,7 +52,7 @@ class Correlation:
 class Predicted:
     """The predictions over one horizon.  They have times [s] that were predicted for, theta measured and predicted
     [rad] (n,) there, by the window's own estimate and by the one before (nan: there is none); and the fits [%], nan of
-    fewer than FEWEST."""
+    fewer than MIN_PREDICTIONS."""
 
     horizon: float
     t: np.ndarray
@@ -59,7 +60,7 @@ class Predicted:
     within: np.ndarray
     before: np.ndarray
     change: np.ndarray  # measured, over the horizon
-    noise: np.ndarray   # (n, DRAWS) [rad] errors that noise alone makes
+    noise: np.ndarray   # (n, RESIDUAL_DRAWS) [rad] errors that noise alone makes
 
     @property
     def fits(self) -> tuple[float, float]:
@@ -98,7 +99,7 @@ class Shaped:
             return np.ones((2, len(self.rows.t)))
         middle = 0.5 * (estimate.t_start + estimate.t_end)
         at = np.array([[np.interp(middle, self.rows.t, row)] for row in self.profile])
-        return np.where(np.abs(at) > LEAST, self.profile / np.where(np.abs(at) > LEAST, at, 1.0), 1.0)
+        return np.where(np.abs(at) > MIN_PARAMETER, self.profile / np.where(np.abs(at) > MIN_PARAMETER, at, 1.0), 1.0)
 
 
 def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = None) -> Residuals:
@@ -116,14 +117,14 @@ def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = Non
         raise InputError(f"{log.path}: no window has a fit, so there are no residuals; expected a log that identify, "
                          "without residuals, finds valid windows in")
     shaped = Shaped(rows, None if nominal is None else np.array(nominal.vehicle.at(rows.t)))
-    noisy = [with_noise(rows, np.random.default_rng((SEED, k))) for k in range(DRAWS)]
+    noisy = [with_noise(rows, np.random.default_rng((SEED, k))) for k in range(RESIDUAL_DRAWS)]
     left = [_weak(shaped, estimate) for estimate in valid]
     t, e = (np.concatenate([each[k] for each in left]) for k in (0, 1))
     same = Shaped(noisy[0], shaped.profile)
     alone = np.concatenate([_weak(same, estimate)[1] for estimate in valid]) - e
     fitted = [(estimate, float(each[1].mean()) if len(each[1]) else 0.0)
               for estimate, each in zip(valid, left, strict=True)]
-    apart = APART * max(1, round(INCREMENT / rows.period))
+    apart = LAG_OF_WHITENESS * max(1, round(INCREMENT / rows.period))
     return Residuals(t, e, alone, _correlation([each[1] for each in left], apart),
                      tuple(_ahead(shaped, _joined(noisy), fitted, horizon) for horizon in HORIZONS))
 
@@ -137,7 +138,7 @@ def with_noise(rows: Rows, rng: np.random.Generator) -> Rows:
     theta, beta = drawn(rows.theta), drawn(rows.beta)
     return dataclasses.replace(rows, theta=theta, beta=beta,
                                theta_dot=drawn(rows.theta_dot) if rows.has_rate else
-                               slope(rows.t, theta, max(1, round(SLOPE / rows.period))))
+                               slope(rows.t, theta, max(1, round(SLOPE_SPAN / rows.period))))
 
 
 def _joined(parts: list[Rows]) -> Rows:
@@ -159,7 +160,7 @@ def _weak(shaped: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
 def _correlation(left: list[np.ndarray], spacing: int) -> Correlation | None:
     """The correlation of residuals so many rows apart, each window's mean taken off; None: there are too few."""
     e = np.concatenate([(e - e.mean())[::spacing] for e in left if len(e)] or [np.zeros(0)])
-    lags = min(LAGS, len(e) // 3)
+    lags = min(RESIDUAL_LAGS, len(e) // 3)
     if lags < 1 or not np.any(e != 0.0):
         return None
     values = np.array([inner(e[lag:], e[:len(e) - lag]) for lag in range(1, lags + 1)]) / square(e)
@@ -173,7 +174,8 @@ def _coefficients(estimate: Estimate) -> np.ndarray:
 def _ahead(shaped: Shaped, noisy: Rows, fitted: list[tuple[Estimate, float]], horizon: float) -> Predicted:
     """Predictions from rows a horizon apart, so that they join without overlap; in windows that are long enough.
 
-    noisy   DRAWS of the rows with noise, joined;  fitted  estimates and the steady acceleration [rad/s^2] beside them
+    noisy   RESIDUAL_DRAWS of the rows with noise, joined;  fitted  estimates and the steady acceleration [rad/s^2]
+    beside them
     """
     rows = shaped.rows
     period = float(np.median(np.diff(rows.t)))
@@ -189,12 +191,13 @@ def _ahead(shaped: Shaped, noisy: Rows, fitted: list[tuple[Estimate, float]], ho
             ahead, before = (_run(rows, shaped.shapes(each[0]), *each, start, steps) if each is not None else
                              np.full(len(start), np.nan) for each in (fit, previous))
             theta = rows.theta[start + steps]
-            many = (start[:, None] + len(rows.t) * np.arange(DRAWS)).ravel()
-            error = noisy.theta[many + steps] - _run(noisy, np.tile(shaped.shapes(estimate), DRAWS), *fit, many, steps)
+            many = (start[:, None] + len(rows.t) * np.arange(RESIDUAL_DRAWS)).ravel()
+            error = noisy.theta[many + steps] - _run(noisy, np.tile(shaped.shapes(estimate), RESIDUAL_DRAWS), *fit,
+                                                     many, steps)
             parts.append((rows.t[start + steps], theta, ahead, before, theta - rows.theta[start],
-                          error.reshape(-1, DRAWS) - (theta - ahead)[:, None]))
+                          error.reshape(-1, RESIDUAL_DRAWS) - (theta - ahead)[:, None]))
     joined = [np.concatenate(each) for each in zip(*parts, strict=True)] if parts else \
-        [*[np.zeros(0)] * 5, np.zeros((0, DRAWS))]
+        [*[np.zeros(0)] * 5, np.zeros((0, RESIDUAL_DRAWS))]
     return Predicted(horizon, *joined)
 
 
@@ -225,6 +228,6 @@ def _run(rows: Rows, shapes: np.ndarray, estimate: Estimate, steady: float, star
 def _fit(error: np.ndarray, change: np.ndarray) -> float:
     seen = np.isfinite(error)
     scale = float(np.sum(change[seen]**2))
-    if np.count_nonzero(seen) < FEWEST or not scale > 0.0:
+    if np.count_nonzero(seen) < MIN_PREDICTIONS or not scale > 0.0:
         return float("nan")
     return 100.0 * (1.0 - float(np.sqrt(np.sum(error[seen]**2) / scale)))

@@ -11,19 +11,19 @@ from sim.flight import dispersion, parameters
 from sim.nominal import Nominal, built_in, load_nominal
 
 from ..experiments.confidence import (
-    A6,
-    A6_STD,
+    BAND_A6,
+    BAND_A6_STD,
+    BAND_K1,
+    BAND_K1_STD,
+    BAND_T,
+    BAND_TRUE_A6,
+    BAND_TRUE_K1,
+    DRAWN_DELTA,
     INTERVAL,
-    K1,
-    K1_STD,
-    SHOWN,
-    TRUE_A6,
-    TRUE_K1,
     VERTICES,
     Band,
     BandJob,
     Bought,
-    T,
     bought,
     fly_band,
 )
@@ -37,20 +37,22 @@ def band_figure(nominal: Nominal, bands: list[Band]) -> Figure:
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(9, 6))
     figure.suptitle(f"Confidence range, {LABELS[nominal.name]}: tracked estimates with 95 % bands, flight sensors, "
                     "100 Hz", fontsize=11, y=0.95)
-    t = np.linspace(0.0, max(band.table[-1, T] for band in bands), 400)
-    for k, (axis, value, std, truth) in enumerate(zip(axes, (A6, K1), (A6_STD, K1_STD), (TRUE_A6, TRUE_K1),
+    t = np.linspace(0.0, max(band.table[-1, BAND_T] for band in bands), 400)
+    for k, (axis, value, std, truth) in enumerate(zip(axes, (BAND_A6, BAND_K1), (BAND_A6_STD, BAND_K1_STD),
+                                                      (BAND_TRUE_A6, BAND_TRUE_K1),
                                                       strict=True)):
         low, high = (parameters(nominal, t, *dispersion(nominal, d, d))[k] for d in (-1.0, 1.0))
         axis.fill_between(t, low, high, color="0.9", label="range, |delta| <= 1")
         for band in bands:
             vertex = band.delta in VERTICES
             table = band.table
-            axis.plot(table[:, T], table[:, truth], "--" if vertex else ":", color="0.0" if vertex else "0.5",
+            axis.plot(table[:, BAND_T], table[:, truth], "--" if vertex else ":", color="0.0" if vertex else "0.5",
                       linewidth=0.8)
             if vertex:
                 half = INTERVAL * table[:, std]
-                axis.fill_between(table[:, T], table[:, value] - half, table[:, value] + half, color="0.55", alpha=0.6)
-            axis.plot(table[:, T], table[:, value], ".", color="0.1" if vertex else "0.6", markersize=2)
+                axis.fill_between(table[:, BAND_T], table[:, value] - half, table[:, value] + half, color="0.55",
+                                  alpha=0.6)
+            axis.plot(table[:, BAND_T], table[:, value], ".", color="0.1" if vertex else "0.6", markersize=2)
         least, most = float(min(np.min(low), np.min(high))), float(max(np.max(low), np.max(high)))
         axis.set_ylim(least - 0.15 * (most - least), most + 0.15 * (most - least))
         axis.set_ylabel(f"{('a6', 'k1')[k]} [{UNIT}]")
@@ -65,7 +67,7 @@ def band_figure(nominal: Nominal, bands: list[Band]) -> Figure:
 def bought_figure(nominal: Nominal, what: Bought) -> Figure:
     """Worst margins and mu over flight time, before identification (full box) and after (identified sub-box)."""
     figure, axes = plt.subplots(4, 1, sharex=True, figsize=(9, 8.5))
-    figure.suptitle(f"What identification buys, {LABELS[nominal.name]}, delta = {SHOWN}: worst case over the box",
+    figure.suptitle(f"What identification buys, {LABELS[nominal.name]}, delta = {DRAWN_DELTA}: worst case over the box",
                     fontsize=11, y=0.94)
 
     def decibel(gain: np.ndarray) -> np.ndarray:
@@ -91,7 +93,7 @@ def confidence_figures(folder: Path, bands: dict[str, list[Band]]) -> list[str]:
     for name, flown in bands.items():
         nominal = load_nominal(built_in(name))
         save(band_figure(nominal, flown), folder / f"confidence_{name}.png")
-        shown = fly_band(BandJob(name, SHOWN, SHOWN_SEED))
+        shown = fly_band(BandJob(name, DRAWN_DELTA, SHOWN_SEED))
         save(bought_figure(nominal, bought(nominal, shown)), folder / f"margins_{name}.png")
         written += [f"confidence_{name}.png", f"margins_{name}.png"]
     return written

@@ -7,7 +7,8 @@ belong together is left out (`docs/margins.md` says what it was checked by).
 
 A window that the estimator refuses has no margins, neither has one in which a6 or k1 changed suddenly, nor the tracked
 estimate until the change is settled: no frozen loop is that flight's.  Nor has one in which another loop flew: whose
-commands are not the nominal controller's (CONTROLLER), or whose nozzle does not answer them as the servo does (MODEL).
+commands are not the nominal controller's (CONTROLLER), or whose nozzle does not answer them as the servo does
+(MODEL_MARK).
 """
 
 import math
@@ -24,22 +25,23 @@ from sim.nominal import Nominal
 from sim.sections import SERVO, Required
 from sim.shown import servo_lines
 
-from ..controller_replay import FEWEST, Replay, replay, rms
+from ..controller_replay import MIN_COMMANDS, Replay, replay, rms
 from ..log.log import Log
 from ..onboard import onboard_model
 from ..unsupported import refuse_foreign_loop
-from .margin_spread import MARGINS, NAMES, Known, Spread, json_number, margin_spread
+from .margin_spread import MARGIN_NAMES, MARGINS, Known, Spread, json_number, margin_spread
 from .servo_check import contradictions, followed, words
 
-OK, CHANGE, UNKNOWN = "OK", "CHANGE", "UNKNOWN"   # of what has margins or has none; else the estimator's own status
-CONTROLLER, MODEL = "CONTROLLER", "MODEL"         # another controller flew, another servo
+# of what has margins or has none; else the estimator's own status
+OK_MARK, CHANGE_MARK, UNKNOWN_MARK = "OK", "CHANGE", "UNKNOWN"
+CONTROLLER, MODEL_MARK = "CONTROLLER", "MODEL"    # another controller flew, another servo
 FROZEN = "no bending, slosh, lateral drift, limit of angle or rate in the loop, all of which stands still"
 DECLARE = "; declare natural_frequency_sigma, damping_ratio_sigma, delay_sigma in [actuator], and it is estimated"
-SETTLED = 2.0    # s after a sudden change, when its size is final
-NOTHING = {"value": None, "std": None, "low": None, "high": None}
+CHANGE_SETTLED = 2.0  # s after a sudden change, when its size is final
+NO_MARGIN = {"value": None, "std": None, "low": None, "high": None}
 OTHER_LOOP = ("aero_damping", "actuator_gain")    # effects that the estimator knows of and the frozen loop does not
-WORDS = {name: margin.words for name, margin in MARGINS.items()}
-UNITS = {name: margin.unit for name, margin in MARGINS.items()}
+MARGIN_TITLES = {name: margin.words for name, margin in MARGINS.items()}
+MARGIN_UNITS = {name: margin.unit for name, margin in MARGINS.items()}
 
 
 class Servo(NamedTuple):
@@ -132,7 +134,7 @@ def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate]) ->
         found = contradictions(follows, windows, servos)
         _note(flown.assumed, "the servo does not change", [each is None for each in found])
         if another := [k for k, is_other in enumerate(found) if is_other]:
-            flown.refused |= {k: MODEL for k in another if k not in flown.refused}
+            flown.refused |= {k: MODEL_MARK for k in another if k not in flown.refused}
             flown.findings.append(
                 f"in {_count(another, estimates)} the nozzle does not answer the commands as the servo does (MODEL): "
                 + words(follows, windows[another[-1]], servos[another[-1]].mean)
@@ -142,7 +144,7 @@ def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate]) ->
 
 def _test_controller(flown: Flown, replayed: Replay, estimates: Sequence[Estimate]) -> None:
     judged = [replayed.judged(e.t_start, e.t_end) for e in estimates]
-    few = [int(np.count_nonzero(ticks)) < FEWEST for ticks in judged]
+    few = [int(np.count_nonzero(ticks)) < MIN_COMMANDS for ticks in judged]
     _note(flown.assumed, "the controller is the nominal's", few)
     others = [k for k, ticks in enumerate(judged) if not few[k] and replayed.contradicts(ticks)]
     if others:
@@ -185,17 +187,17 @@ def _of_window(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: 
     if not e.valid:
         return Judged(e.status.name)
     if any(e.t_start < change.t < e.t_end for change in changes):
-        return Judged(CHANGE)
+        return Judged(CHANGE_MARK)
     return judged(nominal, (e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr), servo)
 
 
 def _of_tracked(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo) -> Judged:
-    if e.status.name == MODEL:
-        return Judged(MODEL)
+    if e.status.name == MODEL_MARK:
+        return Judged(MODEL_MARK)
     if e.tracked is None or not e.tracked.valid:
-        return Judged(UNKNOWN)
-    if any(change.t <= e.t_end < change.t + SETTLED for change in changes):
-        return Judged(CHANGE)
+        return Judged(UNKNOWN_MARK)
+    if any(change.t <= e.t_end < change.t + CHANGE_SETTLED for change in changes):
+        return Judged(CHANGE_MARK)
     return judged(nominal, tuple(e.tracked)[1:], servo)
 
 
@@ -203,14 +205,14 @@ def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, gains: tuple[
     """The margins of a6, k1, their standard deviations and correlation behind a servo; gains (kp, kd [s]) instead of
     the controller's."""
     if not all(map(math.isfinite, (*rigid, *servo.mean.tolist()))):
-        return Judged(UNKNOWN)
+        return Judged(UNKNOWN_MARK)
     a6, k1, a6_std, k1_std, correlation = rigid
     covariance = np.zeros((5, 5))
     covariance[:2, :2] = np.outer((a6_std, k1_std), (a6_std, k1_std)) * [[1.0, correlation], [correlation, 1.0]]
     covariance[2:, 2:] = servo.covariance
     known = Known(np.array([a6, k1, *servo.mean]), covariance)
     assert nominal.controller is not None
-    return Judged(OK, known, margin_spread(known, nominal.controller, *(gains or ())))
+    return Judged(OK_MARK, known, margin_spread(known, nominal.controller, *(gains or ())))
 
 
 # ---- the answer
@@ -220,8 +222,8 @@ def margins_json(judgement: Judged) -> dict[str, Any]:
     """One estimate's margins in the contract's words."""
     spread = judgement.spread
     said: dict[str, Any] = {"valid": judgement.valid, "status": judgement.status}
-    for name in NAMES:
-        said[name] = dict(NOTHING) if spread is None else {
+    for name in MARGIN_NAMES:
+        said[name] = dict(NO_MARGIN) if spread is None else {
             key: json_number(value) for key, value in getattr(spread, name)._asdict().items()}
     return said | {"stable": {"probability": None if spread is None else spread.stable}}
 
@@ -243,12 +245,12 @@ def below_json(windows: Sequence[WindowMargins], required: Required, is_tracked:
 def miss_words(spread: Spread, name: str, required: Required) -> str:
     """One sentence that says that a margin may be below what is required."""
     interval = {key: json_number(x) for key, x in getattr(spread, name)._asdict().items()}
-    return (f"{WORDS[name]} {interval_words(interval, UNITS[name])} {UNITS[name]}, required "
+    return (f"{MARGIN_TITLES[name]} {interval_words(interval, MARGIN_UNITS[name])} {MARGIN_UNITS[name]}, required "
             f"{required_of(required, name):g}")
 
 
 def required_of(required: Required, name: str) -> float:
-    """The required value of one of NAMES, in its own sign."""
+    """The required value of one of MARGIN_NAMES, in its own sign."""
     return MARGINS[name].sign * float(getattr(required, MARGINS[name].required))
 
 
@@ -279,12 +281,12 @@ def interval_words(interval: dict[str, float | None], unit: str = "") -> str:
 
 def table(said: dict[str, Any]) -> str:
     """The windows as a table for a terminal, and what is below the required margins."""
-    heads = [f"{WORDS[name]} [{UNITS[name]}]" for name in NAMES]
+    heads = [f"{MARGIN_TITLES[name]} [{MARGIN_UNITS[name]}]" for name in MARGIN_NAMES]
     lines = [f"{'t_start':>9} {'t_end':>9} {'of':<8} {'status':<15} " + " ".join(f"{head:>26}" for head in heads)
              + f" {'P(stable)':>10}"]
     for window in said["windows"]:
         for estimate, one in (("window", window), *((("tracked", window["tracked"]),) if "tracked" in window else ())):
-            cells = " ".join(f"{interval_words(one[name], UNITS[name]):>26}" for name in NAMES)
+            cells = " ".join(f"{interval_words(one[name], MARGIN_UNITS[name]):>26}" for name in MARGIN_NAMES)
             stable = one["stable"]["probability"]
             lines.append(f"{window['t_start']:>9.3f} {window['t_end']:>9.3f} {estimate:<8} {one['status']:<15} {cells} "
                          f"{'-' if stable is None else f'{stable:.4f}':>10}")
@@ -311,14 +313,16 @@ def closing_lines(said: dict[str, Any]) -> list[str]:
 def below_lines(reached: list[dict[str, Any]], verb: str) -> list[str]:
     """One line for each margin that is below what is required, with its windows and the worst of them."""
     lines = []
-    for name in NAMES:
+    for name in MARGIN_NAMES:
         for estimate in ("window", "tracked"):
             rows = [each for each in reached if each["margin"] == name and each["estimate"] == estimate]
             if not rows:
                 continue
             worst = (max if name == "gain_low_db" else min)(
                 rows, key=lambda each: -math.inf if each["value"] is None else each["value"])
-            lines.append(f"{WORDS[name]} ({estimate}) {verb} below {abs(rows[0]['required']):g} {UNITS[name]} in "
-                         f"{len(rows)} window{'s' * (len(rows) > 1)}, worst {interval_words(worst, UNITS[name])} in "
+            lines.append(f"{MARGIN_TITLES[name]} ({estimate}) {verb} below {abs(rows[0]['required']):g} "
+                         f"{MARGIN_UNITS[name]} in "
+                         f"{len(rows)} window{'s' * (len(rows) > 1)}, "
+                         f"worst {interval_words(worst, MARGIN_UNITS[name])} in "
                          f"{worst['t_start']:g}..{worst['t_end']:g} s")
     return lines

@@ -35,13 +35,13 @@ from sim.nominal import Nominal, Profile, constant_profile
 from ..identification.windows import onboard_model, run
 from ..log.check import CheckedLog
 from ..monte_carlo.requirement.order_statistics import wilks_rank
-from .level import PARAMETERS, log_span, require_cover
+from .level import UNCERTAIN_PARAMETERS, log_span, require_cover
 
 BIN = 10.0          # s: long enough for a window's own data to say something of a6 and k1 in a calm flight
 MIN_FLIGHTS = 10    # of a bin: below it the normal's factor is above 3.1
 FEWEST_FLIGHTS = 3  # that show a spread: of two its standard deviation is as large as itself
-SMALLEST = 1.0e-3   # sigma: a range of 0 is none
-NOISY = 0.5         # share of the variance of a bin's deviations that may be the estimates' own
+MIN_SIGMA = 1.0e-3  # sigma: a range of 0 is none
+MOST_NOISE = 0.5    # share of the variance of a bin's deviations that may be the estimates' own
 ROWS_LEAST = 20     # of a log
 
 
@@ -70,7 +70,7 @@ class Range:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fit:
-    """Ranges in the order of PARAMETERS, and over flight time if asked."""
+    """Ranges in the order of UNCERTAIN_PARAMETERS, and over flight time if asked."""
 
     flights: int
     share: float
@@ -139,14 +139,14 @@ def fit_range(value: np.ndarray, std: np.ndarray, within: float, share: float, c
     spread = max(float(np.mean(value**2)) - noise, 0.0)
     z = NormalDist().inv_cdf(0.5 * (1.0 + share))
     rank = wilks_rank(n, share, confidence)
-    ordered = rank > 0 and noise <= NOISY * (spread + noise)
+    ordered = rank > 0 and noise <= MOST_NOISE * (spread + noise)
     if ordered:
         shrunk = np.abs(value) * np.sqrt(spread / (spread + std**2))
         sigma = math.hypot(float(np.sort(shrunk)[-rank]), z * within)
     else:
         bound = n * float(np.mean(value**2)) / chi_square_quantile(1.0 - confidence, n) - noise
         sigma = z * math.sqrt(max(bound, noise / n) + within**2)
-    sigma = max(sigma, SMALLEST)
+    sigma = max(sigma, MIN_SIGMA)
     return Range(sigma, "order statistic" if ordered else "normal", math.sqrt(spread), within, math.sqrt(noise),
                  float(np.mean(np.abs(value) <= sigma)))
 
@@ -167,7 +167,7 @@ def spread_within(flights: list[Deviations], p: int) -> float:
 def fit(flights: list[Deviations], share: float, confidence: float, over_time: bool = False) -> Fit:
     """Ranges of both parameters from flights."""
     ranges = []
-    for p in range(len(PARAMETERS)):
+    for p in range(len(UNCERTAIN_PARAMETERS)):
         pairs = np.array([pooled(flight.value[:, p], flight.std[:, p]) for flight in flights])
         ranges.append(fit_range(pairs[:, 0], pairs[:, 1], spread_within(flights, p), share, confidence))
     profile = range_profile(flights, ranges, share, confidence) if over_time else None
@@ -186,7 +186,7 @@ def range_profile(flights: list[Deviations], ranges: list[Range], share: float, 
             rows = [(f.value[k, p], f.std[k, p]) for f in flights for k in range(len(f.t))
                     if abs(f.t[k] - t[b]) <= 0.5 * BIN and np.isfinite(f.value[k, p])]
             value, std = np.array(rows).reshape(-1, 2).T
-            if len(value) >= MIN_FLIGHTS and np.mean(std**2) <= NOISY * np.mean(value**2):
+            if len(value) >= MIN_FLIGHTS and np.mean(std**2) <= MOST_NOISE * np.mean(value**2):
                 sigma[p, b] = fit_range(value, std, 0.0, share, confidence).sigma
     nodes = np.concatenate([[first], t[(first < t) & (t < last)], [last]])
     return Profile(nodes, np.interp(nodes, t, sigma[0]), np.interp(nodes, t, sigma[1]))
@@ -211,7 +211,7 @@ def table(result: Fit, out: str) -> str:
     lines = [f"{out}: range of {flights} that holds {100 * result.share:g} % of vehicles with confidence "
              f"{100 * result.confidence:g} %" + (f"; so few tell no spread: expected at least {FEWEST_FLIGHTS}"
                                                  if few else "")]
-    for name, r in zip(PARAMETERS, result.ranges, strict=True):
+    for name, r in zip(UNCERTAIN_PARAMETERS, result.ranges, strict=True):
         lines.append(f"sigma_{name} = {r.sigma:.4g} ({r.method}); spread of the vehicles {r.spread:.3g}, "
                      f"within a flight {r.within:.3g}, noise {r.noise:.3g} rms"
                      + ("" if few else f"; {100 * r.held:.1f} % of these flights inside"))

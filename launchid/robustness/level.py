@@ -15,7 +15,7 @@ from ..identification.windows import number, onboard_model, run
 from ..log.check import CheckedLog
 from ..log.log import Log
 
-PARAMETERS = ("a6", "k1")
+UNCERTAIN_PARAMETERS = ("a6", "k1")
 NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last one belongs to the log's clock
 
 
@@ -96,7 +96,7 @@ def departures(estimates: list[Estimate]) -> list[tuple[str, float, float, float
     NaN for the last if it never came back; in order of their alarm.
     """
     rows = []
-    for name in PARAMETERS:
+    for name in UNCERTAIN_PARAMETERS:
         inside = True
         for e in estimates:
             level: Level = getattr(e.uncertainty, name)
@@ -110,7 +110,7 @@ def departures(estimates: list[Estimate]) -> list[tuple[str, float, float, float
 
 def table(estimates: list[Estimate]) -> str:
     """The windows for a terminal, and what left its range."""
-    heads = (f"  {f'delta_{name} +- std':>16} {'band [%]':>9} {'P(band)':>7}" for name in PARAMETERS)
+    heads = (f"  {f'delta_{name} +- std':>16} {'band [%]':>9} {'P(band)':>7}" for name in UNCERTAIN_PARAMETERS)
     lines = [f"{'t_start':>9} {'t_end':>9}" + "".join(heads)]
     for e in estimates:
         u = e.uncertainty

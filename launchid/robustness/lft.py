@@ -37,9 +37,9 @@ from sim.nominal import Actuator, Controller, Nominal, Profile
 
 from ..unsupported import refuse_foreign_loop
 
-THETA, THETA_DOT, BETA, BETA_RATE, INPUT, FILTER = range(6)
+PLANT_THETA, PLANT_THETA_DOT, PLANT_BETA, BETA_RATE, PLANT_INPUT, PLANT_FILTER = range(6)
 N_FIXED = 6
-TAYLOR_ORDER = 14        # scaled norm <= 1/2: the remainder is below 3e-17
+EXPONENTIAL_ORDER = 14   # scaled norm <= 1/2: the remainder is below 3e-17
 OFF_CIRCLE = 1e-13       # relative: far above rounding, far below what any margin shows
 WHOLE_PERIOD = 1e-9      # of a period: a delay this close to whole periods is whole
 
@@ -128,8 +128,8 @@ def lft_at(nominal: Nominal, t: float, kp: float | None = None, kd: float | None
     command, command_reference, tick, reference = _controller(controller, gains, n)
     hold, switch = _delay_line(tick, whole, fraction)
     b, c = np.zeros((n, 2)), np.zeros((2, n))
-    b[THETA_DOT] = 1.0
-    c[0, THETA], c[1, BETA] = a6 * sigma[0], k1 * sigma[1]
+    b[PLANT_THETA_DOT] = 1.0
+    c[0, PLANT_THETA], c[1, PLANT_BETA] = a6 * sigma[0], k1 * sigma[1]
     return Lft(t=float(t), a6=a6, k1=k1, sigma=sigma, a=_flow(a6, k1, actuator, n), b=b, c=c, d=np.zeros((2, 2)),
                tick=tick, hold=hold, reference=reference, command=command, command_reference=command_reference,
                switch=switch, fraction=fraction, period=controller.period, kp=gains[0])
@@ -146,10 +146,11 @@ def _flow(a6: float, k1: float, actuator: Actuator, n: int) -> np.ndarray:
     """a (n, n): theta_ddot = a6 theta + k1 beta and the actuator with beta_dot over w as state; the rest is held."""
     w = actuator.natural_frequency
     a = np.zeros((n, n))
-    a[THETA, THETA_DOT] = 1.0
-    a[THETA_DOT, THETA], a[THETA_DOT, BETA] = a6, k1
-    a[BETA, BETA_RATE] = w
-    a[BETA_RATE, BETA], a[BETA_RATE, BETA_RATE], a[BETA_RATE, INPUT] = -w, -2.0 * actuator.damping_ratio * w, w
+    a[PLANT_THETA, PLANT_THETA_DOT] = 1.0
+    a[PLANT_THETA_DOT, PLANT_THETA], a[PLANT_THETA_DOT, PLANT_BETA] = a6, k1
+    a[PLANT_BETA, BETA_RATE] = w
+    a[BETA_RATE, PLANT_BETA], a[BETA_RATE, BETA_RATE], a[BETA_RATE,
+                                                         PLANT_INPUT] = -w, -2.0 * actuator.damping_ratio * w, w
     return a
 
 
@@ -164,9 +165,9 @@ def _controller(controller: Controller, gains: tuple[float, float],
     lag = controller.derivative_time_constant + controller.period
     pole = controller.derivative_time_constant / lag
     command, tick, reference = np.zeros(n), np.eye(n), np.zeros(n)
-    command[THETA], command[FILTER] = kp + kd / lag, kd * (pole - 1.0) / lag
-    tick[FILTER, THETA], tick[FILTER, FILTER] = 1.0, pole
-    reference[FILTER] = -1.0
+    command[PLANT_THETA], command[PLANT_FILTER] = kp + kd / lag, kd * (pole - 1.0) / lag
+    tick[PLANT_FILTER, PLANT_THETA], tick[PLANT_FILTER, PLANT_FILTER] = 1.0, pole
+    reference[PLANT_FILTER] = -1.0
     return command, -(kp + kd / lag), tick, reference
 
 
@@ -178,14 +179,14 @@ def _delay_line(tick: np.ndarray, whole: int, fraction: float) -> tuple[np.ndarr
     """
     n = len(tick)
     hold, switch = np.zeros(n), np.eye(n)
-    leaves = N_FIXED if fraction > 0.0 else INPUT
+    leaves = N_FIXED if fraction > 0.0 else PLANT_INPUT
     places = [leaves, *range(n - whole, n)]      # from the exit back to the entry
     for place, behind in itertools.pairwise(places):
         tick[place] = np.eye(n)[behind]
     tick[places[-1]] = 0.0
     hold[places[-1]] = 1.0
     if fraction > 0.0:
-        switch[INPUT] = np.eye(n)[N_FIXED]
+        switch[PLANT_INPUT] = np.eye(n)[N_FIXED]
     return hold, switch
 
 
@@ -211,7 +212,7 @@ def exponential(a: np.ndarray) -> np.ndarray:
     x = a / 2.0**squarings
     term = np.broadcast_to(np.eye(a.shape[-1]), a.shape)
     result = term.copy()
-    for order in range(1, TAYLOR_ORDER + 1):
+    for order in range(1, EXPONENTIAL_ORDER + 1):
         term = term @ x / order
         result = result + term
     for _ in range(squarings):
@@ -258,7 +259,7 @@ def frequency_response(lft: Lft, delta: np.ndarray | tuple[float, float], omega:
     x = _resolvent(loop.a, inputs, np.asarray(omega, dtype=float), loop.period)
     command = np.einsum("...nk,n->...k", x, loop.command)
     u = (command[..., 1] + loop.command_reference) / (1.0 - command[..., 0])
-    return np.stack([x[..., THETA, 1] + x[..., THETA, 0] * u, u], axis=-1)
+    return np.stack([x[..., PLANT_THETA, 1] + x[..., PLANT_THETA, 0] * u, u], axis=-1)
 
 
 def _resolvent(a: np.ndarray, b: np.ndarray, omega: np.ndarray, period: float) -> np.ndarray:

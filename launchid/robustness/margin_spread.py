@@ -43,14 +43,14 @@ MARGINS = {"gain_low_db": Margin("low gain margin", "dB", "gain_db", -1.0),
            "gain_high_db": Margin("high gain margin", "dB", "gain_db"),
            "phase_deg": Margin("phase margin", "degrees", "phase_deg"),
            "delay_ms": Margin("delay margin", "ms", "delay_ms")}
-NAMES = tuple(MARGINS)
+MARGIN_NAMES = tuple(MARGINS)
 INTERVAL = 1.96        # standard deviations: 95 %
-INSIDE, ON = 48, 48    # quasi-random points: of the distribution, on the ellipsoid
+INSIDE, FREQUENCIES = 48, 48  # quasi-random points: of the distribution, on the ellipsoid
 CLIMBS = 2             # of each extreme, each to where the last slope points
-STEP = 0.05            # standard deviations: of a slope's difference
-FAR = 4.0              # standard deviations: where no loop is unstable within them, the loop is stable
+SLOPE_STEP = 0.05      # standard deviations: of a slope's difference
+STABLE_WITHIN = 4.0    # standard deviations: where no loop is unstable within them, the loop is stable
 MANY = 2048            # points that count how probable it is, where one is
-KNOWN = 1e-12          # of the largest share of the spread: below it a direction is known
+KNOWN_DIRECTION = 1e-12  # of the largest share of the spread: below it a direction is known
 
 Judge = Callable[[np.ndarray], np.ndarray]
 
@@ -99,7 +99,7 @@ class Spread:
 
 
 def margin_table(many: Loops) -> np.ndarray:
-    """NAMES (m, 4) of m loops: 0 of an unstable one, infinite where nothing limits it."""
+    """MARGIN_NAMES (m, 4) of m loops: 0 of an unstable one, infinite where nothing limits it."""
     omega = frequency_grid(many.period, (float(np.max(many.whole)) + 1.0) * many.period)
     gain = many.gain(omega)
     low, high = gain_margins(many, omega, gain, many.static)
@@ -125,7 +125,7 @@ def margin_spread(known: Known, controller: Controller, kp: float | None = None,
         value = judge(np.zeros((1, 0)))[0]
         gain_low, gain_high, phase, delay = (Interval(x, 0.0, x, x) for x in value.tolist())
         return Spread(gain_low, gain_high, phase, delay, float(loops_at(np.zeros((1, 0))).stable()[0]))
-    inside, on = normal_points(INSIDE, count), INTERVAL * _unit(normal_points(ON, count))
+    inside, on = normal_points(INSIDE, count), INTERVAL * _unit(normal_points(FREQUENCIES, count))
     points = np.concatenate([np.zeros((1, count)), inside, on])
     table = judge(points)
     low, high = _extremes(judge, points, table)
@@ -134,7 +134,8 @@ def margin_spread(known: Known, controller: Controller, kp: float | None = None,
     gain_low, gain_high, phase, delay = (Interval(*map(float, each))
                                          for each in zip(table[0], std, low, high, strict=True))
     stable = 1.0
-    if not loops_at(FAR * _unit(normal_points(ON, count))).stable().all() or not table.any(axis=1).all():
+    if not loops_at(STABLE_WITHIN * _unit(normal_points(FREQUENCIES,
+                                                        count))).stable().all() or not table.any(axis=1).all():
         stable = float(np.mean(loops_at(normal_points(MANY, count)).stable()))
     return Spread(gain_low, gain_high, phase, delay, stable)
 
@@ -152,7 +153,7 @@ def _root(covariance: np.ndarray) -> np.ndarray:
     std = np.sqrt(np.diag(covariance))
     scale = np.where(std > 0.0, std, 1.0)
     share, direction = np.linalg.eigh(covariance / np.outer(scale, scale))
-    open_ = share > KNOWN * max(float(share[-1]), KNOWN)
+    open_ = share > KNOWN_DIRECTION * max(float(share[-1]), KNOWN_DIRECTION)
     return scale[:, None] * direction[:, open_] * np.sqrt(share[open_])
 
 
@@ -192,7 +193,7 @@ def _extremes(judge: Judge, points: np.ndarray, table: np.ndarray) -> tuple[np.n
     column, sign = np.tile(np.arange(ends), 2), np.repeat([-1.0, 1.0], ends)
     at = points[np.concatenate([np.argmin(table, axis=0), np.argmax(table, axis=0)])]
     best = np.concatenate([table.min(axis=0), table.max(axis=0)])
-    around = STEP * np.concatenate([np.eye(dimensions), -np.eye(dimensions)])
+    around = SLOPE_STEP * np.concatenate([np.eye(dimensions), -np.eye(dimensions)])
     every = np.arange(2 * ends)
     for _ in range(CLIMBS):
         rim = np.linalg.norm(at, axis=1) > INTERVAL * (1.0 - 1e-9)  # an extreme inside has no slope

@@ -28,7 +28,7 @@ from .loops import Loops
 LOWEST = 1e-5          # of half the sampling rate: where the frequency grid starts
 LOG_POINTS = 240       # 5 % apart
 PHASE_STEP = 0.3       # rad a linear step may turn the delay, the hold and the filter
-LAGS = 3.0             # periods of lag beside the delay
+LAG_PERIODS = 3.0      # periods of lag beside the delay
 SECANTS = 10           # of a bracket 5 % wide, where L is all but straight: to rounding
 ZOOMS, ZOOM_POINTS = 6, 17   # of the modulus margin's minimum
 BOX_POINTS, BOX_ZOOMS = 5, 2  # of the worst case over a box
@@ -61,7 +61,7 @@ class Margins(NamedTuple):
 def frequency_grid(period: float, delay: float) -> np.ndarray:
     """Increasing omega [rad/s] from near 0 to half the sampling rate, dense enough for `delay` [s]."""
     top = math.pi / period
-    linear = math.ceil(math.pi * (delay / period + LAGS) / PHASE_STEP)
+    linear = math.ceil(math.pi * (delay / period + LAG_PERIODS) / PHASE_STEP)
     return np.union1d(np.geomspace(LOWEST * top, top, LOG_POINTS), np.linspace(0.0, top, linear + 1)[1:])
 
 

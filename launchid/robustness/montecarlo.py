@@ -27,7 +27,7 @@ SCENARIOS = ("box", "k1-loss", "a6-up", "both")
 LOSS = 0.45            # of k1
 RISE = 0.60            # of a6
 CONSTANT_EVENT = 30.0  # s
-WINDOW = 1.0           # s, of an identified flight
+FLIGHT_WINDOW = 1.0    # s, of an identified flight
 
 _nominal = functools.cache(load_nominal)
 
@@ -82,11 +82,12 @@ def figures(flown: Flown) -> dict[str, float | int]:
 
 
 def identify(job: Job) -> dict[str, float | int | str]:
-    """One vehicle flown with the legacy gains and identified in windows of WINDOW, the filtered formulation."""
+    """One vehicle flown with the legacy gains and identified in windows of FLIGHT_WINDOW, the filtered formulation."""
     nominal = _nominal(job.nominal)
     a6_factor, k1_factor = factors(nominal, job)
     flight = fly_whole(nominal, job.seed, a6_factor=a6_factor, k1_factor=k1_factor)
-    config = Config(window=WINDOW, sample_period=flight.period, formulation="filtered", model=onboard_model(nominal))
+    config = Config(window=FLIGHT_WINDOW, sample_period=flight.period, formulation="filtered",
+                    model=onboard_model(nominal))
     estimates, estimator = run(config, flight.rows())
     last = estimates[-1].tracked if estimates else None
     fields = last._asdict() if last is not None else {}

@@ -33,12 +33,13 @@ from sim.nominal import Nominal
 
 from .lft import Lft, lft_at, loop_gain, sample, spectral_radius
 
-TOLERANCE = 2e-3            # relative gap of the bounds
-LEVELS = 30                 # of splitting; what is left then widens the bounds
-LOWEST, HIGHEST = 1e-5, 1.0 - 1e-6   # of half the sampling rate; Im F/sin is even about both ends, nothing hides there
+BOUNDS_GAP = 2e-3           # relative gap of the bounds
+SPLITTINGS = 30             # of splitting; what is left then widens the bounds
+# of half the sampling rate; Im F/sin is even about both ends, nothing hides there
+LOWEST, HIGHEST_MU = 1e-5, 1.0 - 1e-6
 LOG_CELLS, A6_CELLS = 60, 8
-PHASE_STEP, LAGS = 0.6, 3.0  # rad a cell may turn; periods of lag beside the delay
-SECTIONS, ROUNDS = 16, 10    # of a bracket in omega: 1e-12 of it is left
+MU_PHASE_STEP, LAGS = 0.6, 3.0  # rad a cell may turn; periods of lag beside the delay
+MU_SECTIONS, POWER_ROUNDS = 16, 10  # of a bracket in omega: 1e-12 of it is left
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,10 +148,10 @@ def _search(box: Box, best: Found) -> tuple[Found, float]:
     """Branch and bound from a boundary point: a nearest one, and a size below which there is none."""
     cells, q = _first_cells(box, best.r)
     floor = math.inf
-    for _ in range(LEVELS):
+    for _ in range(SPLITTINGS):
         best = _improve(box, cells, q, best)
         least = _least(box, cells, q)
-        keep = least < (1.0 - TOLERANCE) * best.r
+        keep = least < (1.0 - BOUNDS_GAP) * best.r
         floor = min(floor, least[~keep].min(initial=math.inf))
         if not keep.any():
             break
@@ -164,8 +165,9 @@ def _search(box: Box, best: Found) -> tuple[Found, float]:
 def _first_cells(box: Box, r: float) -> tuple[Cells, np.ndarray]:
     """Cells over |p| <= r and all frequencies, with q (m, 3, 3) at their points (evaluated once where shared)."""
     top = math.pi / box.lft.period
-    turns = math.ceil(math.pi * (box.lft.delay / box.lft.period + LAGS) / PHASE_STEP)
-    edges = np.union1d(np.geomspace(LOWEST, HIGHEST, LOG_CELLS + 1), np.linspace(0.0, HIGHEST, turns + 1)[1:]) * top
+    turns = math.ceil(math.pi * (box.lft.delay / box.lft.period + LAGS) / MU_PHASE_STEP)
+    edges = np.union1d(np.geomspace(LOWEST, HIGHEST_MU, LOG_CELLS + 1),
+                       np.linspace(0.0, HIGHEST_MU, turns + 1)[1:]) * top
     omega = np.sort(np.concatenate([edges, 0.5 * (edges[1:] + edges[:-1])]))
     p = np.linspace(-r, r, 2 * A6_CELLS + 1)
     q = _needed(box, p, np.append(omega, top))
@@ -250,8 +252,8 @@ def _improve(box: Box, cells: Cells, q: np.ndarray, known: Found) -> Found:
 def _refine(box: Box, p: float, low: float, high: float) -> Found:
     """The boundary point at p between two frequencies [rad/s] where Im F changes sign, on the exact response."""
     where = np.array(p)
-    for _ in range(ROUNDS):
-        omega = np.linspace(low, high, SECTIONS + 1)
+    for _ in range(POWER_ROUNDS):
+        omega = np.linspace(low, high, MU_SECTIONS + 1)
         above = _needed(box, where, omega).imag > 0.0
         k = int(np.argmax(above[1:] != above[:-1]))
         low, high = float(omega[k]), float(omega[k + 1])

@@ -13,11 +13,11 @@ change two seconds later, so only its alarm is used.)  An estimate is used while
 In wind a6, which the wind multiplies, is known late and k1 well; then k1 alone is used, while it predicts kp |k1|, the
 loop's gain, as well: kp_0 |k1_0|/|k1| and kd_0 |k1_0|/|k1| give the loop the nominal's gain at all frequencies, and
 what a6 does to wn^2 is what it does to the legacy loop.  A worse one still is used while the legacy gains are beyond
-doubt the worse choice: where it says that they miss wn^2 by more than DOUBT of its standard deviations, as after a loss
-of k1 that wind leaves known to 10 %.  Else the ratios are 1, which gives the legacy gains back to the bit, but for HOLD
-after an alarm, when the estimate has just been opened and the last belief is the better one.  Without a bump: the
-controller's only memory is the error and its filtered derivative, which know no gains, and the gains move at a limited
-rate.
+doubt the worse choice: where it says that they miss wn^2 by more than DOUBT_SIGMAS of its standard deviations, as
+after a loss of k1 that wind leaves known to 10 %.  Else the ratios are 1, which gives the legacy gains back to the
+bit, but for HOLD after an alarm, when the estimate has just been opened and the last belief is the better one.
+Without a bump: the controller's only memory is the error and its filtered derivative, which know no gains, and the
+gains move at a limited rate.
 
 Assumptions: kp, kd > 0 and k1 < 0, as in all nominals; a nominal without [vehicle.terms] (`onboard_model`'s).
 Limitation: the supervisor looks every SUPERVISION seconds, as a slower task beside the controller would.
@@ -41,30 +41,30 @@ from launchid_core import Change, Config, Estimate, Estimator, Sample, Status, T
 from sim.errors import InputError
 from sim.flight import CLOCK_DIGITS, Factor, prepare
 from sim.nominal import Nominal
-from sim.vehicle.record import ROW, Vehicle
+from sim.vehicle.record import LOG_ROW, Vehicle
 from sim.vehicle.step import advance
 
 from ..identification.windows import onboard_model
 from .flight_margins import Servo, declared_servo, judged, miss_words, servo_at
 
-WINDOW = 0.2          # s of the estimator: how often the tracked estimate is read
-JUDGED = 1.0          # s for which a judgement of the margins holds, if the gains asked for stay within
+READING_PERIOD = 0.2  # s of the estimator: how often the tracked estimate is read
+JUDGEMENT_LASTS = 1.0  # s for which a judgement of the margins holds, if the gains asked for stay within
 MOVED = 0.01          # of those that were judged
-FEWEST = 5            # samples in it
+MIN_SAMPLES = 5       # samples in it
 HOLD = 0.5            # s after an alarm in which an estimate that is not sure leaves the last belief
-LATE = 0.2            # s, of who knows the truth: as long as the estimate of a lost k1 needs
+TRUTH_DELAY = 0.2     # s, of who knows the truth: as long as the estimate of a lost k1 needs
 SUPERVISION = 0.1     # s, between looks at the estimator: its own block of samples
-SLOWEST = 1.0         # rad/s, least wn: slower than guidance, the attitude would not follow
-LEAST = 1.0           # of the legacy gain.  The rule asks for less when the vehicle is stiffer than believed, and what
+MIN_BANDWIDTH = 1.0   # rad/s, least wn: slower than guidance, the attitude would not follow
+MIN_GAIN = 1.0        # of the legacy gain.  The rule asks for less when the vehicle is stiffer than believed, and what
 # is given away then is missing when k1 is lost: with 0.5 one of 100 constant flights was lost (`both`) that legacy
 # keeps, for 2 % less nozzle rate.  Legacy flies the whole box with it
-MOST = 2.5            # of the legacy gain.  45 % of k1 lost and a6 up 60 % ask for 2.1 to 2.3; beyond, the estimate is
+MAX_GAIN = 2.5        # of the legacy gain.  45 % of k1 lost and a6 up 60 % ask for 2.1 to 2.3; beyond, the estimate is
 # wrong.  A true nominal k1 bears it at maximum a6 (high-frequency gain margin 3.2 and more), not at the VEGA-like's
 # end (2.0): there NOT_SURE alone stands against a wrong estimate
-RATE = 4.0            # of the legacy gain, 1/s: the 1.8 that a loss of 45 % asks for is there in 0.2 s, as long as the
+GAIN_RATE = 4.0       # of the legacy gain, 1/s: the 1.8 that a loss of 45 % asks for is there in 0.2 s, as long as the
 # estimate needed.  In 100 greensite flights that lose 45 %: 30 lost at 1/s, 21 at 4/s, 18 at 20/s, where a period of
 # the controller could step the command by 20 % of it
-DOUBT = 1.96          # standard deviations, 95 %
+DOUBT_SIGMAS = 1.96   # standard deviations, 95 %
 NOT_SURE = 0.15       # std of wn^2 relative to itself; a box of sigma 0.25 alone makes it 0.19: no better, no change
 
 
@@ -75,7 +75,7 @@ class Belief(NamedTuple):
     k1: float
 
 
-NOMINAL = Belief(1.0, 1.0)
+NOMINAL_BELIEF = Belief(1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -112,17 +112,17 @@ class Rule:
         kp, kd = self.legacy
         a6_0, k1_0 = self.at(t)
         a6, k1 = a6_0 * belief.a6, abs(k1_0 * belief.k1)
-        wn2, least = kp * abs(k1_0) - a6_0, max(a6, SLOWEST**2)
+        wn2, least = kp * abs(k1_0) - a6_0, max(a6, MIN_BANDWIDTH**2)
         faster = math.sqrt(least / wn2) if 0.0 < wn2 < least else 1.0
         new_kp = kp * (abs(k1_0) / k1) + (a6 - a6_0 + max(least - wn2, 0.0)) / k1
         new_kd = kd * (abs(k1_0) / k1) * faster
-        return min(max(new_kp, LEAST * kp), MOST * kp), min(max(new_kd, LEAST * kd), MOST * kd)
+        return min(max(new_kp, MIN_GAIN * kp), MAX_GAIN * kp), min(max(new_kd, MIN_GAIN * kd), MAX_GAIN * kd)
 
     def spread(self, t: float, tracked: Tracked) -> float:
         """Standard deviation of wn^2 = kp |k1| - a6, relative, that gains from this estimate would have."""
         kp, _ = self.legacy
         a6_0, k1_0 = self.at(t)
-        wn2 = max(kp * abs(k1_0) - a6_0, SLOWEST**2)
+        wn2 = max(kp * abs(k1_0) - a6_0, MIN_BANDWIDTH**2)
         gain = (wn2 + tracked.a6) / abs(tracked.k1)
         s_a, s_k = tracked.a6_std, gain * tracked.k1_std
         return math.sqrt(max(s_a**2 + s_k**2 + 2.0 * tracked.a6_k1_corr * s_a * s_k, 0.0)) / wn2
@@ -131,7 +131,7 @@ class Rule:
         """The same of gains from its k1 and the nominal's a6, a6 being what it may."""
         kp, _ = self.legacy
         a6_0, k1_0 = self.at(t)
-        wn2 = max(kp * abs(k1_0) - a6_0, SLOWEST**2)
+        wn2 = max(kp * abs(k1_0) - a6_0, MIN_BANDWIDTH**2)
         return (wn2 + a6_0) * tracked.k1_std / abs(tracked.k1) / wn2
 
     def missed(self, t: float, tracked: Tracked) -> float:
@@ -139,7 +139,7 @@ class Rule:
         kp, _ = self.legacy
         a6_0, k1_0 = self.at(t)
         wn2 = kp * abs(k1_0) - a6_0
-        return (wn2 - (kp * abs(tracked.k1) - tracked.a6)) / max(wn2, SLOWEST**2)
+        return (wn2 - (kp * abs(tracked.k1) - tracked.a6)) / max(wn2, MIN_BANDWIDTH**2)
 
     def believe(self, t: float, tracked: Tracked | None) -> Belief | None:
         """The tracked estimate at t [s] as ratios, that of a6 1 if k1 alone is known; None when it is invalid or too
@@ -151,7 +151,7 @@ class Rule:
             return Belief(tracked.a6 / a6_0 if a6_0 != 0.0 else 1.0, tracked.k1 / k1_0)
         if self.spread_of_k1(t, tracked) <= NOT_SURE:
             return Belief(1.0, tracked.k1 / k1_0)
-        if self.missed(t, tracked) > DOUBT * self.spread(t, tracked):
+        if self.missed(t, tracked) > DOUBT_SIGMAS * self.spread(t, tracked):
             return Belief(tracked.a6 / a6_0 if a6_0 != 0.0 else 1.0, tracked.k1 / k1_0)
         return None
 
@@ -161,7 +161,7 @@ class Scheduler:
 
     def __init__(self, nominal: Nominal) -> None:
         self.rule = Rule(nominal)
-        self.belief = NOMINAL
+        self.belief = NOMINAL_BELIEF
         self.gains = self.rule.legacy
 
     def take(self, samples: list[Sample]) -> None:
@@ -173,8 +173,8 @@ class Scheduler:
         return self.rule.gains(t, self.belief)
 
     def move(self, target: tuple[float, float], dt: float) -> tuple[float, float]:
-        """The gains dt [s] later, on their way to the target at RATE."""
-        kp, kd = (now + min(max(to - now, -RATE * legacy * dt), RATE * legacy * dt)
+        """The gains dt [s] later, on their way to the target at GAIN_RATE."""
+        kp, kd = (now + min(max(to - now, -GAIN_RATE * legacy * dt), GAIN_RATE * legacy * dt)
                   for now, to, legacy in zip(self.gains, target, self.rule.legacy, strict=True))
         self.gains = kp, kd
         return self.gains
@@ -202,7 +202,7 @@ class Gate:
         anything has moved since."""
         servo = self.declared if servo is None else servo
         near = all(abs(new / old - 1.0) < MOVED for new, old in zip(gains, self.last.gains, strict=True))
-        if near and t - self.last.t < JUDGED:
+        if near and t - self.last.t < JUDGEMENT_LASTS:
             return self.last
         rigid, required = tuple(tracked)[1:], self.nominal.margins
         spread = judged(self.nominal, rigid, servo, gains).spread
@@ -224,7 +224,8 @@ class Supervisor(Scheduler):
         super().__init__(nominal)
         self.gate = Gate(nominal)
         self.decisions: list[Decision] = []
-        self.estimator = Estimator(Config(window=max(WINDOW, FEWEST * sample_period), sample_period=sample_period,
+        self.estimator = Estimator(Config(window=max(READING_PERIOD, MIN_SAMPLES * sample_period),
+                                          sample_period=sample_period,
                                           formulation="filtered", model=onboard_model(nominal)))
 
     def take(self, samples: list[Sample]) -> None:
@@ -234,7 +235,7 @@ class Supervisor(Scheduler):
                 estimate = self.estimator.estimate()
                 assert estimate is not None
                 changes = self.estimator.changes()
-                held = self.belief if changes and estimate.t_end - changes[-1].alarm < HOLD else NOMINAL
+                held = self.belief if changes and estimate.t_end - changes[-1].alarm < HOLD else NOMINAL_BELIEF
                 self.belief = self.passed(estimate, self.rule.believe(estimate.t_end, estimate.tracked) or held)
 
     def passed(self, estimate: Estimate, belief: Belief) -> Belief:
@@ -245,11 +246,12 @@ class Supervisor(Scheduler):
         decision = self.gate.judge(estimate.t_end, estimate.tracked, gains, servo_at(self.gate.declared, estimate))
         if not self.decisions or decision.adopted != self.decisions[-1].adopted:
             self.decisions.append(decision)
-        return belief if decision.adopted else NOMINAL
+        return belief if decision.adopted else NOMINAL_BELIEF
 
 
 class Knowing(Scheduler):
-    """A scheduler that no estimator can beat: it gets the true ratios, LATE.  It shows which losses the rule itself
+    """A scheduler that no estimator can beat: it gets the true ratios, TRUTH_DELAY.  It shows which losses the rule
+    itself
     leaves."""
 
     def __init__(self, nominal: Nominal, a6_factor: Factor, k1_factor: Factor) -> None:
@@ -258,7 +260,7 @@ class Knowing(Scheduler):
 
     def take(self, samples: list[Sample]) -> None:
         """The last sample's time alone."""
-        t = np.array(max(samples[-1].t - LATE, 0.0))
+        t = np.array(max(samples[-1].t - TRUTH_DELAY, 0.0))
         self.belief = Belief(*(float(factor(t)) if callable(factor) else factor for factor in self.factors))
 
 
@@ -283,7 +285,7 @@ def fly_legacy(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_fact
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
     state = vehicle.flight[0]
     every = int(state.log_every)
-    rows = np.empty(-(-steps // every), ROW)
+    rows = np.empty(-(-steps // every), LOG_ROW)
     advance(vehicle, steps, rows)
     rows = rows[:int(state.rows)]
     gains = np.tile([state.kp, state.kd], (len(rows), 1))
@@ -304,7 +306,7 @@ def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k
 
 
 def fly_knowing(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flown:
-    """The flight whose gains follow the truth, LATE; the same noise again."""
+    """The flight whose gains follow the truth, TRUTH_DELAY; the same noise again."""
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
     return _fly(vehicle, steps, Knowing(nominal, a6_factor, k1_factor))
 
@@ -313,7 +315,7 @@ def _fly(vehicle: Vehicle, steps: int, scheduler: Scheduler) -> Flown:
     """The whole flight, the scheduler beside it."""
     state = vehicle.flight[0]
     h, every, tick = float(state.step), int(state.log_every), int(state.control_every)
-    rows = np.empty(-(-steps // every), ROW)
+    rows = np.empty(-(-steps // every), LOG_ROW)
     gains = np.empty((len(rows), 2))
     turn = max(1, round(SUPERVISION / (tick * h))) * tick
     for start in range(0, steps, turn):

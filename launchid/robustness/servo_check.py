@@ -23,18 +23,18 @@ from sim.vehicle.kernels import kernel
 from ..log.log import Log
 from ..sums import along, combined, least_squares, products
 
-BLOCK = 1.0            # s
+INNOVATION_BLOCK = 1.0  # s
 MEMORIES = (10.0, 30.0)  # s, over which what earlier windows tell fades: of a change, of a known servo
-CONTRADICTED = 38.0    # of a chi square of five: 4e-7
-LOUD = 9.0             # times the declared variance: louder residuals are of no declared noise
-NOISY = 1.1            # times the declared noise: more is left by what no number of a servo is, as play
-ROUNDS, FARTHEST = 8, np.array([0.4, 0.3, 0.005, 0.3])  # of Gauss and Newton, and their longest steps
+SERVO_CHI_SQUARE = 38.0  # of a chi square of five: 4e-7
+LOUD_VARIANCE = 9.0    # times the declared variance: louder residuals are of no declared noise
+SERVO_NOISE = 1.1      # times the declared noise: more is left by what no number of a servo is, as play
+FIT_ROUNDS, FARTHEST = 8, np.array([0.4, 0.3, 0.005, 0.3])  # of Gauss and Newton, and their longest steps
 STARTS = (0.0, 0.02, 0.05)  # s later, from where they begin
-LARGEST = 5.0          # standard deviations of an innovation: more is a fault of one sample
-FEWEST = 20            # innovations, without which nothing is said
+INNOVATION_SIGMAS = 5.0  # standard deviations of an innovation: more is a fault of one sample
+MIN_INNOVATIONS = 20   # innovations, without which nothing is said
 UNKNOWN = 0.1          # rad, one sigma of the nozzle where the log begins
 MOST_GAP = 1.5         # of the log's period, behind which it begins anew
-STEPS = (0.01, 0.01, 5e-4, 0.01)  # of the slopes: ln frequency, damping ratio, delay [s], gain
+SLOPE_STEPS = (0.01, 0.01, 5e-4, 0.01)  # of the slopes: ln frequency, damping ratio, delay [s], gain
 ASKED = ("natural_frequency", "damping_ratio", "delay", "gain", "play")
 
 
@@ -163,21 +163,21 @@ class Followed:
             return e
 
         still = innovations(np.zeros(5), self.command, frozen=False)
-        moves = np.diag([*STEPS, self.half_width])
+        moves = np.diag([*SLOPE_STEPS, self.half_width])
         slopes = [(innovations(-move, self.command) - innovations(move, self.command)) / (2.0 * move.max())
                   for move in moves]
         slopes.insert(4, (still - innovations(np.zeros(5), play_of)) / self.half_width)
         told = np.isfinite(still + sum(slopes))
-        if np.count_nonzero(told) < FEWEST:
+        if np.count_nonzero(told) < MIN_INNOVATIONS:
             return None
         weight = 1.0 / np.sqrt(s[told])
-        e = np.clip(still[told] * weight, -LARGEST, LARGEST)
+        e = np.clip(still[told] * weight, -INNOVATION_SIGMAS, INNOVATION_SIGMAS)
         design = np.column_stack(slopes)[told] * weight[:, None]
-        blocks = np.floor((t[told] - t_start) / BLOCK).astype(int)
+        blocks = np.floor((t[told] - t_start) / INNOVATION_BLOCK).astype(int)
         score, information = along(design, e), products(design, design)
         worst = 0.0
         for one in (blocks == each for each in np.unique(blocks)):
-            if np.count_nonzero(one) >= FEWEST:
+            if np.count_nonzero(one) >= MIN_INNOVATIONS:
                 own = products(design[one], design[one])
                 worst = max(worst, statistic(along(design[one], e[one]), own, own, doubt))
         x, usual = least_squares(design, e), [0, 1, 2, 3, 5]
@@ -189,7 +189,7 @@ class Followed:
         """The servo (4,) that the rows from t_start to t_end [s] show, its standard deviations (4,), and what it leaves
         of the declared noise; sought from a servo (4,) by Gauss and Newton."""
         found = self.answer(t_start, t_end, servo, np.zeros((3, 3)))
-        for _ in range(ROUNDS):
+        for _ in range(FIT_ROUNDS):
             if found is None:
                 return None
             step = np.clip(found.numbers, -FARTHEST, FARTHEST)
@@ -265,7 +265,7 @@ def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], ser
             found.append(None)
             continue
         own = statistic(answer.score, answer.information, answer.information, doubt / usual)
-        found.append(max(answer.blocks, own, *faded) > CONTRADICTED * usual or answer.left > LOUD)
+        found.append(max(answer.blocks, own, *faded) > SERVO_CHI_SQUARE * usual or answer.left > LOUD_VARIANCE)
     return found
 
 
@@ -276,7 +276,7 @@ def words(follow: Followed, window: tuple[float, float], servo: np.ndarray) -> s
     if not tried:
         return "no servo follows"
     (w, zeta, delay, gain), std, noise = min(tried, key=lambda each: each[2])
-    left = f", and {noise:.2g} times the declared noise is left" if noise > NOISY else ""
+    left = f", and {noise:.2g} times the declared noise is left" if noise > SERVO_NOISE else ""
     late = with_std(1e3 * delay, 1e3 * std[2])
     return (f"{with_std(w, std[0])} rad/s, damping ratio {with_std(zeta, std[1])}, delay {late} ms, gain "
             f"{with_std(gain, std[3])} would explain {window[0]:g}..{window[1]:g} s best ({PLUS_MINUS}){left}")

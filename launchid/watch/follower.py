@@ -37,11 +37,11 @@ SPACING = 0.1         # s of the log between points of the tracked estimate, whi
 FRAME = 0.05          # s of the clock between looks at the newest numbers: 20 a second
 STAMPS = ("t", "out_since")  # of a JSON
 PAUSE = 1.0           # s of the clock without a row, after which those that wait for others are used
-FIGURES = 7           # significant ones that a page is told: beyond any standard deviation
+SIGNIFICANT_DIGITS = 7  # significant ones that a page is told: beyond any standard deviation
 CURVE = 400           # points of the nominal's profile
-MOST_ROWS = 100_000   # of a window at a rate that rows say: 9 MB
+WINDOW_ROWS = 100_000  # of a window at a rate that rows say: 9 MB
 MOST_WAITING = 4096   # pieces of the log that wait for its period: 64 rows do, among others that say nothing of it
-ANOTHER = 1.5         # periods from one row to the next, or so many rows in one: another rate
+OTHER_RATE = 1.5      # periods from one row to the next, or so many rows in one: another rate
 
 
 class Follower:
@@ -137,7 +137,7 @@ class Follower:
         """Begin, or begin anew, at this period [s] of the last rows, if it can be and is not that of before."""
         if self.estimator is not None:
             before = self.estimator.config.sample_period
-            if before / ANOTHER < period < before * ANOTHER:
+            if before / OTHER_RATE < period < before * OTHER_RATE:
                 return
         try:
             self._begin(period)
@@ -149,8 +149,9 @@ class Follower:
 
     def _begin(self, period: float) -> None:
         """The rows that waited are fed; UsageError or InputError if nothing can be estimated at this period."""
-        if self._window / period > MOST_ROWS:
-            raise InputError(f"{self._source}: column t: its median step is {period:g} s; expected at most {MOST_ROWS} "
+        if self._window / period > WINDOW_ROWS:
+            raise InputError(f"{self._source}: column t: its median step is {period:g} s; "
+                             f"expected at most {WINDOW_ROWS} "
                              f"rows in a window of {self._window:g} s, or --period")
         self.estimator, self._live_check = Estimator(self._config(period)), LiveCheck(period)
         self.live.head = self._head()
@@ -255,7 +256,7 @@ class Follower:
 
 def rounded(x: float) -> float | None:
     """A number for a page; None for what is not finite."""
-    return number(float(f"{x:.{FIGURES}g}"))
+    return number(float(f"{x:.{SIGNIFICANT_DIGITS}g}"))
 
 
 def instant(t: float) -> float | None:
@@ -299,4 +300,4 @@ def nominal_curve(nominal: Nominal) -> dict[str, list[float]]:
     for name, value, spread in zip(("a6", "k1"), nominal.vehicle.at(t),
                                    (np.zeros(len(t)),) * 2 if sigma is None else sigma.at(t), strict=True):
         curves |= {name: value, f"{name}_half": np.abs(value) * spread}
-    return {name: [float(f"{x:.{FIGURES}g}") for x in values.tolist()] for name, values in curves.items()}
+    return {name: [float(f"{x:.{SIGNIFICANT_DIGITS}g}") for x in values.tolist()] for name, values in curves.items()}

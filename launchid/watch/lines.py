@@ -15,10 +15,10 @@ from ..convert.stream import MappedColumns, MappedStream
 from ..convert.text import BLANKS
 from ..log.log import Log, log_of_values
 
-ORDER = Sample._fields   # of columns without a header row
-LEAST = 4                # of them: up to beta
-LONGEST = 1 << 16        # bytes of a line: a row has a few hundred
-SAID = 20                # messages about what came: of more, rows that cannot be read are counted
+COLUMN_ORDER = Sample._fields  # of columns without a header row
+MIN_COLUMNS = 4          # of them: up to beta
+LONGEST_LINE = 1 << 16   # bytes of a line: a row has a few hundred
+MOST_MESSAGES = 20       # messages about what came: of more, rows that cannot be read are counted
 LONGEST_SAID = 300       # characters of one
 BOM = b"\xef\xbb\xbf"
 
@@ -47,7 +47,7 @@ class Lines:
             self._refuse(f"{self.path}: line {self.number + 1}: cut short")
         self._torn, self._too_long, self.number = b"", False, 0
         self._columns: Columns | MappedColumns | None = None
-        self._headless = True  # no header was refused, so rows without one are in ORDER
+        self._headless = True  # no header was refused, so rows without one are in COLUMN_ORDER
 
     def logs(self, piece: bytes) -> Iterator[Log]:
         """The rows that this piece completes; one log for each header."""
@@ -63,15 +63,15 @@ class Lines:
                 rows.append(row)
         if rows and self._columns is not None:
             yield _log(self._columns, rows)
-        if len(self._torn) > LONGEST:
+        if len(self._torn) > LONGEST_LINE:
             self._torn, self._too_long = b"", True
 
     def _row(self, line: bytes) -> list[float] | None:
         """The numbers of a line; None for a header, a blank line, and what cannot be read."""
         self.number += 1
-        too_long, self._too_long = self._too_long or len(line) > LONGEST, False
+        too_long, self._too_long = self._too_long or len(line) > LONGEST_LINE, False
         if too_long:
-            self._refuse(f"{self.path}: line {self.number}: more than {LONGEST} bytes; expected a row")
+            self._refuse(f"{self.path}: line {self.number}: more than {LONGEST_LINE} bytes; expected a row")
             return None
         try:
             cells = self._cells(line)
@@ -118,11 +118,11 @@ class Lines:
                              f"{self._mapped.of.path} tells nothing; expected one with {self._clock!r}")
         if not self._headless:
             raise InputError(f"{self.path}: line {self.number}: its header row could not be used")
-        if not LEAST <= len(cells) <= len(ORDER):
+        if not MIN_COLUMNS <= len(cells) <= len(COLUMN_ORDER):
             raise InputError(f"{self.path}: line {self.number}: {len(cells)} cells and no header row; expected one, or "
-                             f"{LEAST} to {len(ORDER)} cells in the order {','.join(ORDER)}")
-        self._tell(f"{self.path}: no header row: the columns are taken for {','.join(ORDER[:len(cells)])}")
-        return Columns(self.path, list(ORDER[:len(cells)]))
+                             f"{MIN_COLUMNS} to {len(COLUMN_ORDER)} cells in the order {','.join(COLUMN_ORDER)}")
+        self._tell(f"{self.path}: no header row: the columns are taken for {','.join(COLUMN_ORDER[:len(cells)])}")
+        return Columns(self.path, list(COLUMN_ORDER[:len(cells)]))
 
     def _refuse(self, text: str) -> None:
         self.malformed += 1
@@ -130,11 +130,11 @@ class Lines:
         self._tell(f"{self.last}; the row is left out")
 
     def _tell(self, text: str) -> None:
-        """Say something of the rows, SAID lines at most, whatever a sender does."""
+        """Say something of the rows, MOST_MESSAGES lines at most, whatever a sender does."""
         self._said += 1
-        if self._said <= SAID:
+        if self._said <= MOST_MESSAGES:
             self._say(text if len(text) <= LONGEST_SAID else f"{text[:LONGEST_SAID]}...")
-        elif self._said == SAID + 1:
+        elif self._said == MOST_MESSAGES + 1:
             self._say(f"{self.path}: further messages of its rows are left out; those that cannot be read are counted")
 
 

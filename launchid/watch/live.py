@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 Row = tuple[Any, ...]
 
-MOST_POINTS = 1500   # of the tracked estimate: more than a page has pixels for
+POINTS_SHOWN = 1500  # of the tracked estimate: more than a page has pixels for
 MOST_WINDOWS = 600
 POINT = ("t", "a6", "a6_std", "k1", "k1_std", "wind", "wind_std", "delta_a6", "delta_a6_std", "delta_k1",
          "delta_k1_std")
-WINDOW = ("t_start", "t_end", "status", "a6", "a6_std", "k1", "k1_std")
+WINDOW_COLUMNS = ("t_start", "t_end", "status", "a6", "a6_std", "k1", "k1_std")
 
 
 class Series:
@@ -48,7 +48,7 @@ class Live:
     def __init__(self, head: dict[str, Any]) -> None:
         self.head = head
         self.now: dict[str, Any] = {"state": "waiting"}
-        self.points, self.windows = Series(MOST_POINTS), Series(MOST_WINDOWS)
+        self.points, self.windows = Series(POINTS_SHOWN), Series(MOST_WINDOWS)
         self.changes: list[dict[str, Any]] = []
         self.revision = 0
 

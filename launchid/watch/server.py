@@ -4,7 +4,8 @@
     /events  server-sent events: everything at first, then what is new, at most 20 times a second
     /state   everything once, as JSON
 
-A browser that does not read is told everything it missed in one message when it does, and is let go after PATIENCE.
+A browser that does not read is told everything it missed in one message when it does, and is let go after
+BROWSER_TIMEOUT.
 
 Threads are bounded, a connection each: the newest is served, and the oldest goes for it.  Pages of other origins are
 answered nothing.
@@ -30,17 +31,17 @@ from .sources import ARRIVALS, LOOPBACK
 
 FRAME = 0.05        # s between messages at least: 20 a second
 ALIVE = 2.0         # s without news after which a page is told that there is none
-PATIENCE = 10.0     # s that a browser may leave unread, or a request unfinished
+BROWSER_TIMEOUT = 10.0  # s that a browser may leave unread, or a request unfinished
 MOST_PAGES = 16     # at a time that are told
 MOST_CONNECTIONS = 64  # at a time, those pages among them
 FAREWELL = 1.0      # s that pages are given to hear of the end
 
-PAGE = inlined((Path(__file__).parent / "page.html").read_text(encoding="utf-8")).encode()
+LIVE_PAGE = inlined((Path(__file__).parent / "page.html").read_text(encoding="utf-8")).encode()
 
 
 def _hash(tag: str) -> str:
     """The hash of the page's one <script> or <style>, which a browser compares: no other is run."""
-    (inside,) = re.findall(rb"<%b>(.*?)</%b>" % (tag.encode(), tag.encode()), PAGE, re.DOTALL)
+    (inside,) = re.findall(rb"<%b>(.*?)</%b>" % (tag.encode(), tag.encode()), LIVE_PAGE, re.DOTALL)
     return f"'sha256-{base64.b64encode(hashlib.sha256(inside).digest()).decode()}'"
 
 
@@ -126,7 +127,7 @@ class Handler(BaseHTTPRequestHandler):
 
     server: Server
     server_version, sys_version = "launchid", ""
-    timeout = PATIENCE
+    timeout = BROWSER_TIMEOUT
 
     def log_message(self, format: str, *args: Any) -> None:
         """Say nothing of a request."""
@@ -142,7 +143,7 @@ class Handler(BaseHTTPRequestHandler):
         if not self._is_ours(path):
             self._whole(403, "text/plain; charset=utf-8", b"asked by another name, or by another page\n", with_body)
         elif path == "/":
-            self._whole(200, "text/html; charset=utf-8", PAGE, with_body)
+            self._whole(200, "text/html; charset=utf-8", LIVE_PAGE, with_body)
         elif path == "/state":
             self._whole(200, "application/json", _json(message(self.server.live, None)[0]), with_body)
         elif path == "/events":

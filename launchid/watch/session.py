@@ -8,7 +8,7 @@ from typing import Any
 from sim.nominal import Nominal
 from sim.result import Columns
 
-from ..argument_checks import WINDOW
+from ..argument_checks import DEFAULT_WINDOW
 from ..convert.mapping import Map
 from ..identification.windows import table
 from ..log.check import profile_note
@@ -38,7 +38,7 @@ class Watched(Answer):
         return flat(self.report["windows"])
 
 
-def watch(source: Source, nominal: Nominal, *, window: float = WINDOW, period: float | None = None,
+def watch(source: Source, nominal: Nominal, *, window: float = DEFAULT_WINDOW, period: float | None = None,
           noise: str = "estimated", strict: bool = False, mapping: Map | None = None, http: int = 0,
           say: Callable[[str], None] = lambda text: None) -> Watched:
     """Follow a source and serve the page until it ends or Ctrl-C comes.

@@ -20,8 +20,8 @@ from ..log.log import STANDARD_INPUT, Log, locate_log
 
 LOOPBACK = "127.0.0.1"   # the only address that anything here is bound to
 IDLE = 0.05              # s, between looks for something new: as often as a page is told
-PIECE = 1 << 16          # bytes at most: about a thousand rows, a few milliseconds of the estimator's time
-PIECE_ROWS = 1000        # about as much, of a log that is whole
+BYTES_A_READ = 1 << 16   # bytes at most: about a thousand rows, a few milliseconds of the estimator's time
+ROWS_A_READ = 1000       # about as much, of a log that is whole
 DATAGRAM = 1 << 16       # bytes: longer than any
 DATAGRAMS = 256          # in a piece at most
 BACKLOG = 1 << 22        # bytes that the system is asked to keep of UDP while the estimator is busy
@@ -108,7 +108,7 @@ class File:
     def pieces(self) -> Pieces:
         try:
             while True:
-                if piece := self._file.read(PIECE):
+                if piece := self._file.read(BYTES_A_READ):
                     yield piece
                 elif self._once:
                     yield b"\n"  # a last line without its end counts, as it does when a whole log is read
@@ -145,8 +145,8 @@ class Whole:
         """The log as text, in the shortest numbers that read back to the same bits."""
         columns = self._log.measured()
         yield (",".join(columns) + "\n").encode()
-        for k in range(0, len(self._log.t), PIECE_ROWS):
-            rows = zip(*(x[k:k + PIECE_ROWS].tolist() for x in columns.values()), strict=True)
+        for k in range(0, len(self._log.t), ROWS_A_READ):
+            rows = zip(*(x[k:k + ROWS_A_READ].tolist() for x in columns.values()), strict=True)
             yield "".join(",".join(map(repr, row)) + "\n" for row in rows).encode()
 
 
@@ -160,7 +160,7 @@ class Pipe:
         while True:
             if not is_readable(self._number, IDLE):
                 yield b""
-            elif piece := os.read(self._number, PIECE):
+            elif piece := os.read(self._number, BYTES_A_READ):
                 yield piece
             else:
                 yield b"\n"
@@ -228,7 +228,7 @@ class Tcp:
         while True:
             if is_readable(sender, IDLE):
                 try:
-                    piece = sender.recv(PIECE)
+                    piece = sender.recv(BYTES_A_READ)
                 except OSError:
                     return
                 if not piece:

@@ -19,10 +19,10 @@ from .rows import Modes
 
 BINS = 120            # of neighbouring modes that share a weight while the noise is sought
 SPAN = np.arange(-6.0, 6.01, 0.5)    # decades of the ratios of the noises
-RANK = 1.0e-11        # of a column's square, that is left beside the others
-BANDS = 12            # of the residual's spectrum
+MIN_COLUMN_LEFT = 1.0e-11  # of a column's square, that is left beside the others
+SPECTRUM_BANDS = 12   # of the residual's spectrum
 SIGNAL = 0.5          # of the columns' products, in every direction, that must be left without the sensors' noise
-UNTOLD = 20.0         # modes, by which the rest's spectrum is drawn to the noise's
+SPECTRUM_PRIOR = 20.0  # modes, by which the rest's spectrum is drawn to the noise's
 UNEVEN = 0.01         # p-value below which the rest's own spectrum is its noise
 FEWEST_IN_BAND = 4    # modes
 BATCH = 16            # regressions that are computed together: what is at work fits into a processor's cache
@@ -118,12 +118,12 @@ def gls_of_all(regressions: Sequence[Modes], likelihoods: Sequence[np.ndarray] |
                     going.append(j)
                     continue
                 fit = Fit(xi[i], covariance[i], s[j].copy(), e[i], leverage[i], n - q)
-                frequency, squares, many, _ = spectrum(fit, m, BANDS)
+                frequency, squares, many, _ = spectrum(fit, m, SPECTRUM_BANDS)
                 p = whiteness(squares, many)
                 if p is None or p > UNEVEN or step == 2:
                     fits[k] = fit
                     continue
-                told = (many * squares + UNTOLD) / (many + UNTOLD)   # few modes tell little of their own
+                told = (many * squares + SPECTRUM_PRIOR) / (many + SPECTRUM_PRIOR)  # few modes tell little of their own
                 s[j] = s[j] * np.exp(np.interp(np.log(m.frequency), np.log(frequency), np.log(told)))
                 going.append(j)
             left = going
@@ -178,7 +178,7 @@ def apart(m: Stack, root: np.ndarray, x: np.ndarray) -> np.ndarray:
     ends = m.ends / root[:, None]
     size = np.sqrt(np.maximum(np.einsum("akn,akn->ak", ends, ends), 1e-300))
     ends /= size[:, :, None]
-    inverse = np.linalg.pinv(np.einsum("akn,aln->akl", ends, ends), RANK, hermitian=True)
+    inverse = np.linalg.pinv(np.einsum("akn,aln->akl", ends, ends), MIN_COLUMN_LEFT, hermitian=True)
     told = np.einsum("akl,aql->aqk", inverse, np.einsum("akn,aqn->aqk", ends, x / root[:, None]))
     return x - np.einsum("aqk,akn->aqn", told, ends) * root[:, None]
 
@@ -211,7 +211,7 @@ def solved(m: Stack, s: np.ndarray, w: np.ndarray, prior: Prior,
     signal = np.full(len(s), -math.inf)
     signal[is_told] = np.linalg.eigvalsh((half @ scaled @ np.swapaxes(half, 1, 2))[is_told])[:, 0]
     with np.errstate(invalid="ignore"):
-        is_told &= (signal >= SIGNAL) & ~(np.max(np.einsum("akk->ak", inverse), axis=1) > 1.0 / RANK)
+        is_told &= (signal >= SIGNAL) & ~(np.max(np.einsum("akk->ak", inverse), axis=1) > 1.0 / MIN_COLUMN_LEFT)
         spread = inverse @ whole @ inverse
         return np.einsum("akl,al->ak", inverse, right / size) / size, spread / square_of, is_told
 
@@ -231,8 +231,8 @@ def least(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
     scaled = phi / size
     gram = products(scaled, scaled)
     if y.ndim == 1:
-        return np.asarray(np.linalg.lstsq(gram, along(scaled, y), rcond=RANK)[0] / size)
-    return np.asarray(np.linalg.lstsq(gram, products(scaled, y), rcond=RANK)[0] / size[:, None])
+        return np.asarray(np.linalg.lstsq(gram, along(scaled, y), rcond=MIN_COLUMN_LEFT)[0] / size)
+    return np.asarray(np.linalg.lstsq(gram, products(scaled, y), rcond=MIN_COLUMN_LEFT)[0] / size[:, None])
 
 
 def rest(phi: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -1,10 +1,11 @@
 """The judge of windows that no nominal judges: each assumption of the numbers is tested on this log.
 
 Three answers: it holds; it does not hold (`Lack`: what, how much, what to do); it could not be asked (`UNCHECKED`, with
-what would allow it). The question is put once, in pieces of PIECE seconds of the whole log, whatever the windows are,
-and what the log shows holds for each window whose numbers it would move. Asked is, in this order, whether beta is known
-between its own values, whether it acts when it is logged, whether beta of another time explains as much (placebo),
-whether a term that the answer lacks explains what is left, and whether what is left is as white as the noise was taken.
+what would allow it). The question is put once, in pieces of JUDGE_PIECE seconds of the whole log, whatever the windows
+are, and what the log shows holds for each window whose numbers it would move. Asked is, in this order, whether beta is
+known between its own values, whether it acts when it is logged, whether beta of another time explains as much
+(placebo), whether a term that the answer lacks explains what is left, and whether what is left is as white as the
+noise was taken.
 """
 
 import itertools
@@ -14,19 +15,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..sums import combined, square
-from .fit import RANK, Fit, Noise, gls_of_all, least, noise_likelihoods, rest, spectrum, whiteness
+from .fit import MIN_COLUMN_LEFT, Fit, Noise, gls_of_all, least, noise_likelihoods, rest, spectrum, whiteness
 from .rows import FAST_THETA, Modes, Rows, ends_of, in_modes, increments, later, term_modes, values_of
 
-PIECE = 5.0          # s over which one set of coefficients holds while the log is asked,
-ROWS = 250           # and rows: of a slow log the vehicle is slower, too
+JUDGE_PIECE = 5.0    # s over which one set of coefficients holds while the log is asked,
+ROWS_A_PIECE = 250   # and rows: of a slow log the vehicle is slower, too
 MOST_PIECES = 60     # evenly over a longer log: the work is bounded
 PER_COEFFICIENT = 5  # modes, without which an answer cannot be tested
 STRETCH = 1.0        # s, the least stretch without a gap: what is slower, and a shift of beta, is not seen in shorter
-SURE = 5.0           # standard deviations of a term that is there
+TERM_SIGMAS = 5.0    # standard deviations of a term that is there
 SHIFT = 3.0          # the same of a shift of beta
 WRONG = 2.0          # the same of a number that no vehicle has
 DRIVES = 0.2         # of the largest term, that a damping of the wrong sign is: less is drawn from disturbances
-TOLERANCE = 0.02     # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
+RELATIVE_TOLERANCE = 0.02  # relative: a6 and k1 may be off by that without being wrong, as in [diagnosis]
 ONE_COLUMN = 0.98    # of a column's square that others explain (|correlation| 0.99): it is one with them in this log
 SIMPLER = 0.7        # of the gain of the best term, for which a simpler one is preferred
 SEEN = 5.0           # times its sensor's noise: less of a fast theta is told from it by chance
@@ -39,13 +40,13 @@ SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: p
 SAME_INPUT = 0.9     # |correlation| of a shifted beta with itself: an input that repeats is no placebo
 BEYOND = 0.5         # of the likelihood that beta gains, that the best placebo must not
 MOST_PLACEBO = 12    # pieces, evenly over the log, of which placebos are asked
-WIDE = 15.0          # rad/s: shares are told of changes over 0.2 s and more
+WIDE_FREQUENCY = 15.0  # rad/s: shares are told of changes over 0.2 s and more
 FINE_BANDS = 24      # in which the rest is asked whether it is white
-WHITE = 1.0e-6       # p-value below which the rest is not as white as its noise
+WHITENESS_P = 1.0e-6  # p-value below which the rest is not as white as its noise
 STRONG = 0.05        # of the changes of theta_dot, that a term explains beside a beta that is no input of them
 MOST_LACKS = 3
-MOST = 0.5           # of the error of rows left out
-FOLDS = 3            # parts of the log that are left out in turn
+MOST_OF_ERROR = 0.5  # of the error of rows left out
+JUDGE_FOLDS = 3      # parts of the log that are left out in turn
 INCREMENT = 0.2      # s, of theta_dot, that a fit is shown to predict: sensor noise is small beside it
 LIBRARY = ("1", "theta_dot", "sin(theta)", "sign(theta_dot)", "beta^2")  # terms that a library may have
 LACKING = ("1", "theta_dot", "gamma", FAST_THETA, "sin(theta)", "sign(theta_dot)", "beta^2",
@@ -100,7 +101,7 @@ class Piece:
         phi = np.transpose(np.concatenate([self.shifted(terms, leads), ends], axis=2), (1, 2, 0))
         phi = np.multiply(phi, w, order="C")
         phi /= np.sqrt(np.maximum(np.einsum("kqn,kqn->kq", phi, phi), 1e-300))[:, :, None]
-        inverse = np.linalg.pinv(np.einsum("kqn,krn->kqr", phi, phi), RANK, hermitian=True)
+        inverse = np.linalg.pinv(np.einsum("kqn,krn->kqr", phi, phi), MIN_COLUMN_LEFT, hermitian=True)
         y = self.modes.y * w
         xi = np.einsum("kqr,kr->kq", inverse, np.einsum("kqn,n->kq", phi, y))
         left = y - np.einsum("kq,kqn->kn", xi, phi)
@@ -167,7 +168,7 @@ class Question:
 
 def pieces_of(rows: Rows, terms: tuple[str, ...]) -> list[Piece]:
     """Return the pieces that have rows enough, with the noise of all of them together."""
-    count = max(1, round((rows.t[-1] - rows.t[0]) / max(PIECE, ROWS * rows.period)))
+    count = max(1, round((rows.t[-1] - rows.t[0]) / max(JUDGE_PIECE, ROWS_A_PIECE * rows.period)))
     edges = np.linspace(rows.t[0], rows.t[-1] + rows.period, count + 1)
     parts = [rows.part(rows.cut(a, b)) for a, b in itertools.pairwise(edges.tolist())]
     asked = parts if len(parts) <= MOST_PIECES else \
@@ -272,7 +273,7 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
         for term in names:
             if term not in terms:
                 at = [lead.value] if term == "beta_ddot" and lead else shifts   # a late beta looks like it
-                least_gain = SHIFT**2 if term == path else max(SURE**2, TOLERANCE**2 * total)
+                least_gain = SHIFT**2 if term == path else max(TERM_SIGMAS**2, RELATIVE_TOLERANCE**2 * total)
                 there = term_beside(rows, terms, term, [shifted[shift] for shift in at], plain, left, least_gain)
                 asked |= {} if there is None else {term: there}
         if not asked:
@@ -305,8 +306,8 @@ def term_beside(rows: Rows, terms: tuple[str, ...], term: str, shifted: list[lis
     """
     wider = (*terms, term)
     likelihoods = [likelihood(each, wider) for each in shifted]
-    without = ahead(rows, wider) if left > TOLERANCE**2 else left
-    is_most = without < MOST * left and left - without > TOLERANCE**2
+    without = ahead(rows, wider) if left > RELATIVE_TOLERANCE**2 else left
+    is_most = without < MOST_OF_ERROR * left and left - without > RELATIVE_TOLERANCE**2
     gain = 2.0 * (max(likelihoods) - plain)
     if not is_most and not gain > least_gain:
         return None
@@ -316,7 +317,7 @@ def term_beside(rows: Rows, terms: tuple[str, ...], term: str, shifted: list[lis
     if term == FAST_THETA and "theta" in terms:   # a flight path takes of what theta does slowly, adds nothing
         slow = [piece.fit.xi[terms.index("theta")] for piece in pieces if not piece.fit.is_singular]
         is_apart &= size * (size + float(np.median(slow or [0.0]))) > 0.0
-    if term == "beta_ddot" and rows.stretch < min(PIECE, 0.9 * (rows.t[-1] - rows.t[0])):
+    if term == "beta_ddot" and rows.stretch < min(JUDGE_PIECE, 0.9 * (rows.t[-1] - rows.t[0])):
         is_apart = False   # the beginnings of stretches spoil the column
     return (gain, size, std, is_most) if is_most or (is_apart and min(gain, (size / std) ** 2) > least_gain) else None
 
@@ -332,14 +333,16 @@ def moved(rows: Rows, lead: float) -> Rows:
 
 
 def ahead(rows: Rows, terms: tuple[str, ...]) -> float:
-    """Return the share of the variance of theta_dot's increments over INCREMENT that is not predicted in FOLDS parts of
+    """Return the share of the variance of theta_dot's increments over INCREMENT that is not predicted in JUDGE_FOLDS
+    parts of
     the log, each by the coefficients of the others."""
     begin, _, y, phi = increments(rows, terms, INCREMENT)
-    if len(y) < FOLDS * PER_COEFFICIENT * (len(terms) + 1):
+    if len(y) < JUDGE_FOLDS * PER_COEFFICIENT * (len(terms) + 1):
         return 1.0
-    fold = np.minimum((FOLDS * (begin - begin[0]) / max(begin[-1] - begin[0], 1e-300)).astype(int), FOLDS - 1)
+    fold = np.minimum((JUDGE_FOLDS * (begin - begin[0]) / max(begin[-1] - begin[0], 1e-300)).astype(int),
+                      JUDGE_FOLDS - 1)
     left = 0.0
-    for k in range(FOLDS):
+    for k in range(JUDGE_FOLDS):
         out = fold == k
         if not out.any() or out.all():
             continue
@@ -350,11 +353,11 @@ def ahead(rows: Rows, terms: tuple[str, ...]) -> float:
 
 
 def explained(pieces: list[Piece], terms: tuple[str, ...], lead: float = 0.0) -> float:
-    """Return the share of the changes of theta_dot that terms explain, of those slower than WIDE."""
+    """Return the share of the changes of theta_dot that terms explain, of those slower than WIDE_FREQUENCY."""
     left = whole = 0.0
     for piece in pieces:
         m = piece.modes
-        slow = m.frequency < WIDE
+        slow = m.frequency < WIDE_FREQUENCY
         phi = piece.shifted(terms, [lead])[:, 0] if lead else term_modes(piece.rows, terms).phi
         left += square(rest(phi[slow], m.y[slow]))
         whole += square(m.y[slow])
@@ -442,7 +445,7 @@ def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead 
     at = [rows.cut(piece.rows.t[0], piece.rows.t[-1] + 0.5 * rows.period) for piece in few]
     most = float(np.max(of([with_betas(piece.rows, piece.modes, terms, [each[part] for each in moved])
                             for piece, part in zip(few, at, strict=True)]), initial=none)) if moved else none
-    return own - most < max(0.5 * SURE**2, BEYOND * (own - none))
+    return own - most < max(0.5 * TERM_SIGMAS**2, BEYOND * (own - none))
 
 
 # ---- a window
@@ -461,10 +464,11 @@ def moved_by(rows: Rows, terms: tuple[str, ...], fit: Fit, lack: Lack, m: Modes)
 def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray, fit: Fit, m: Modes,
             lacks: list[Lack]) -> list[Lack]:
     """Return the lacks for which a window with coefficients xi (q,) +- std (q,) is refused: those with which none can
-    be believed, and those that would move a coefficient by more than its deviation and TOLERANCE, of itself and of the
+    be believed, and those that would move a coefficient by more than its deviation and RELATIVE_TOLERANCE, of itself
+    and of the
     largest term."""
     sizes = np.sqrt(np.sum(m.phi**2, axis=0))
-    largest = TOLERANCE * float(np.max(np.abs(xi) * sizes, initial=0.0))
+    largest = RELATIVE_TOLERANCE * float(np.max(np.abs(xi) * sizes, initial=0.0))
     if any(lack.what == "placebo" for lack in lacks):
         return lacks
     found = []
@@ -473,7 +477,7 @@ def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray,
             found.append(lack)
             continue
         by = np.abs(moved_by(rows, terms, fit, lack, m))
-        if np.any((by > np.maximum(std, TOLERANCE * np.abs(xi))) & (by * sizes > largest)):
+        if np.any((by > np.maximum(std, RELATIVE_TOLERANCE * np.abs(xi))) & (by * sizes > largest)):
             found.append(lack)
     return found
 
@@ -487,10 +491,10 @@ def is_driving(value: float, std: float, parts: np.ndarray, k: int) -> bool:
 def left_over(fit: Fit, m: Modes) -> tuple[float | None, Lack | None]:
     """Return (the p-value of the rest being white where the coefficients are from, what it is not)."""
     frequency, squares, many, share = spectrum(fit, m, FINE_BANDS)
-    asked = share > TOLERANCE
+    asked = share > RELATIVE_TOLERANCE
     squares = np.maximum(squares, 1.0)   # less noise than was taken widens the deviations, and is no contradiction
     p = whiteness(squares[asked], many[asked])
-    if p is None or p >= WHITE:
+    if p is None or p >= WHITENESS_P:
         return p, None
     worst = int(np.argmax(np.where(asked, many * (squares - 1.0 - np.log(squares)), 0.0)))
     return p, Lack("unexplained", size=float(frequency[worst]), after=float(squares[worst]))

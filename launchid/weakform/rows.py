@@ -25,21 +25,21 @@ import numpy as np
 from launchid_core import parse_term
 
 from ..log.check import BRIDGED, CheckedLog
-from ..log.rates import HELD
+from ..log.rates import HELD_WORD
 from ..sums import products
 
 FINE = 0.005         # s from row to row: nothing that a vehicle does is faster
-MOST_ROWS = 50_000   # that are judged: of a long log means of more of them
+JUDGED_ROWS = 50_000  # that are judged: of a long log means of more of them
 LEAST_STEP = 1.0e-6  # of the median step: nothing is known of a rate between stamps that are nearer
-ABSURD = 1000.0      # times the log's length: a stamp further from its middle is no time of this log
-GAP = 1.5            # median steps: no row reaches over a longer one
-SLOPE = 0.05         # s to either side of a rate that is the slope of a column, where a rate is a term
-FEWEST = 4           # rows of a stretch
+FARTHEST_STAMP = 1000.0  # times the log's length: a stamp further from its middle is no time of this log
+LONGEST_ROW_STEP = 1.5  # median steps: no row reaches over a longer one
+SLOPE_SPAN = 0.05    # s to either side of a rate that is the slope of a column, where a rate is a term
+MIN_ROWS_A_STRETCH = 4  # rows of a stretch
 BRIEF = 0.02         # s of a slope of beta: a nozzle does nothing faster
-FAST = 1.0           # s: what theta does in a shorter time is its fast part
+FAST_TIME = 1.0      # s: what theta does in a shorter time is its fast part
 FAST_THETA = "fast theta"
 NUDGE = 1.0e-6      # rad, rad/s: of a difference quotient
-FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
+TERM_FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
 
 code_of = lru_cache(maxsize=256)(parse_term)
 
@@ -63,7 +63,7 @@ class Rows:
     bounds     first rows of the stretches without a gap, and the number of rows
     is_held    beta acts from each of its values to the next
     theta_noise, rate_noise  variances of the sensors' white noise, of theta and theta_dot, as their rows show it
-    fast (n,)  what theta does within FAST, by the whole log;  (0,) not known yet
+    fast (n,)  what theta does within FAST_TIME, by the whole log;  (0,) not known yet
     """
 
     t: np.ndarray
@@ -88,7 +88,7 @@ class Rows:
     @cached_property
     def stretches(self) -> list[tuple[int, int]]:
         """First row, and the one behind the last, of each stretch that is long enough for modes."""
-        return [(a, b) for a, b in itertools.pairwise(self.bounds.tolist()) if b - a >= FEWEST]
+        return [(a, b) for a, b in itertools.pairwise(self.bounds.tolist()) if b - a >= MIN_ROWS_A_STRETCH]
 
     @cached_property
     def frame(self) -> "Frame":
@@ -127,7 +127,7 @@ def usable(seen: CheckedLog) -> Rows | None:
     """
     log = seen.log
     times = log.in_range("t")
-    if np.count_nonzero(times) < FEWEST:
+    if np.count_nonzero(times) < MIN_ROWS_A_STRETCH:
         return None
     times[times] = near_all(log.t[times], log.period)
     times[times] = forward(log.t[times], LEAST_STEP * log.period)
@@ -137,16 +137,16 @@ def usable(seen: CheckedLog) -> Rows | None:
     for name in names:
         columns[name], known = bridged(t, np.where(log.in_range(name), getattr(log, name), math.nan)[times])
         there &= known
-    if np.count_nonzero(there) < FEWEST:
+    if np.count_nonzero(there) < MIN_ROWS_A_STRETCH:
         return None
     t, row = t[there], np.flatnonzero(there)
     theta, beta = columns["theta"][there], columns["beta"][there]
     path = log.flight_path[times][there]
-    rate = columns["theta_dot"][there] if has_rate else slope(t, theta, max(1, round(SLOPE / log.period)))
+    rate = columns["theta_dot"][there] if has_rate else slope(t, theta, max(1, round(SLOPE_SPAN / log.period)))
     step = np.diff(t)
-    cuts = np.flatnonzero((step > GAP * np.median(step)) | (np.diff(row) > 1)) + 1
+    cuts = np.flatnonzero((step > LONGEST_ROW_STEP * np.median(step)) | (np.diff(row) > 1)) + 1
     rows = Rows(t, theta, path_angle(t, path), rate, beta, has_rate, bool(np.isfinite(path).any()),
-                np.concatenate([[0], cuts, [len(t)]]), is_held=seen.rates["beta"].kind == HELD)
+                np.concatenate([[0], cuts, [len(t)]]), is_held=seen.rates["beta"].kind == HELD_WORD)
     return with_noise_levels(thinned(rows))
 
 
@@ -169,17 +169,17 @@ def bridged(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def thinned(rows: Rows) -> Rows:
-    """Return the rows as means over as many of them as make FINE, or leave MOST_ROWS.
+    """Return the rows as means over as many of them as make FINE, or leave JUDGED_ROWS.
 
     All that is linear between the columns holds of their means too.
     """
-    many = max(int(FINE / rows.period * (1.0 + 1e-9)), math.ceil(len(rows.t) / MOST_ROWS))
+    many = max(int(FINE / rows.period * (1.0 + 1e-9)), math.ceil(len(rows.t) / JUDGED_ROWS))
     if many < 2:
         return rows
     if rows.is_held:   # by lines between the rows it has the integral of its steps where it is the mean of both
         rows = replace(rows, beta=0.5 * (rows.beta + before(rows.beta)), is_held=False)
     whole = [(a, b - (b - a) % many) for a, b in zip(rows.bounds[:-1].tolist(), rows.bounds[1:].tolist(), strict=True)]
-    whole = [(a, b) for a, b in whole if b - a >= FEWEST * many]
+    whole = [(a, b) for a, b in whole if b - a >= MIN_ROWS_A_STRETCH * many]
     if not whole:
         return rows
     at = np.concatenate([np.arange(a, b) for a, b in whole])
@@ -205,7 +205,7 @@ def slope(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
 
 def near_all(t: np.ndarray, period: float) -> np.ndarray:
     """Return the stamps that are times of this log, as a mask."""
-    return np.abs(t - np.median(t)) <= ABSURD * len(t) * period if len(t) else np.zeros(0, bool)
+    return np.abs(t - np.median(t)) <= FARTHEST_STAMP * len(t) * period if len(t) else np.zeros(0, bool)
 
 
 def forward(t: np.ndarray, least: float) -> np.ndarray:
@@ -224,7 +224,7 @@ def column(term: str, attack: np.ndarray, theta_dot: np.ndarray, beta: np.ndarra
     variables = (attack, theta_dot, beta, tau)
     factors = [x**power for power, x in zip(powers, variables, strict=True) if power]
     if function:
-        factors.append(FUNCTIONS[function](variables[argument]))
+        factors.append(TERM_FUNCTIONS[function](variables[argument]))
     return math.prod(factors[1:], start=factors[0]) if factors else np.ones(len(attack))
 
 
@@ -376,9 +376,9 @@ def behind(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
 
 
 def fast_part(t: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Return what theta does (n,) within FAST: it less its mean over that time before, over lines across gaps."""
+    """Return what theta does (n,) within FAST_TIME: it less its mean over that time before, over lines across gaps."""
     whole = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (theta[1:] + theta[:-1]))])
-    begin = np.maximum(t - FAST, t[0])
+    begin = np.maximum(t - FAST_TIME, t[0])
     area, time = whole - np.interp(begin, t, whole), t - begin
     return theta - np.divide(area, time, out=theta.copy(), where=time > 0.0)
 
@@ -452,14 +452,15 @@ def increments(rows: Rows, terms: tuple[str, ...], length: float) -> tuple[np.nd
     All are means about these times, over as much as a slope of theta or beta takes: of beta_ddot the integral is the
     slope of beta.
     """
-    span, around = max(1, round(length / rows.period)), max(1, round((BRIEF if rows.has_rate else SLOPE) / rows.period))
+    span, around = max(1, round(length / rows.period)), max(1, round((BRIEF if rows.has_rate
+                                                                      else SLOPE_SPAN) / rows.period))
     parts: list[tuple[np.ndarray, ...]] = []
     plain = tuple("1" if term == "beta_ddot" else term for term in terms)
     values = np.column_stack([np.zeros((len(rows.t), 0)), *(values_of(
         rows, term, rows.attack, rows.theta_dot, rows.beta) for term in plain)])
     ends = ends_of(rows, plain, values, rows.beta)
     for a, b in itertools.pairwise(rows.bounds.tolist()):
-        if b - a <= max(span, FEWEST) + 2 * around:
+        if b - a <= max(span, MIN_ROWS_A_STRETCH) + 2 * around:
             continue
         t, beta, rate = rows.t[a:b], rows.beta[a:b], rows.theta_dot[a:b]
         area, _ = areas(t, values[a:b], ends[a:b])

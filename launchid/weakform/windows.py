@@ -16,7 +16,7 @@ from .fit import SPAN, Fit, Prior, gls_of_all, least, noise_likelihoods
 from .judge import (
     INCREMENT,
     PER_COEFFICIENT,
-    TOLERANCE,
+    RELATIVE_TOLERANCE,
     Lack,
     Lead,
     Question,
@@ -31,13 +31,13 @@ POOLED = 0.2         # of the likelihood of the noise's ratios in the whole log,
 ALIKE, VAGUE = 0.99, 0.3   # |correlation| of a6 and k1, relative deviations, beyond which they are not told apart
 WORTH = 0.5          # of the largest term, that one standard deviation of the term of a6 or k1 may be
 UNTRUE = 1.5         # times what its deviations say, that the spread of coefficients that stand still may be
-BY_CHANCE = 6.0      # chi square of two, 95 %: what a drift of a6 and k1 moves them by beyond is in the deviations
-HELD_OUT = 3         # the last of so many parts of a window is held out for its `fit`
+CHANCE_DRIFT = 6.0   # chi square of two, 95 %: what a drift of a6 and k1 moves them by beyond is in the deviations
+HELD_OUT_PARTS = 3   # the last of so many parts of a window is held out for its `fit`
 LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
-TWICE = 2.0          # standard deviations of the weak form, within which another formulation agrees with it
-NARROW = 3.0         # times as large a deviation of the weak form contradicts that of another formulation
-WITHDRAWN = 20.0     # s before a contradiction: as long as the estimator takes to forget one
-UNTOLD = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # what something missing may look like
+AGREEMENT_SIGMAS = 2.0  # standard deviations of the weak form, within which another formulation agrees with it
+CONTRADICTING_RATIO = 3.0  # times as large a deviation of the weak form contradicts that of another formulation
+WITHDRAWN_NATS = 20.0  # s before a contradiction: as long as the estimator takes to forget one
+WEAK_STATUSES = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # what something missing may look like
 
 
 @dataclass(frozen=True)
@@ -77,10 +77,11 @@ def refused(estimate: Estimate, status: EstimateStatus = EstimateStatus.MODEL) -
 
 
 def withdrawn(estimates: list[Estimate]) -> list[Estimate]:
-    """Return the filter's estimates without those that a contradiction of the model follows within WITHDRAWN s: what
+    """Return the filter's estimates without those that a contradiction of the model follows within WITHDRAWN_NATS s:
+    what
     contradicts it was there before it was told, and the estimator could not know; a log that is whole can."""
     contradicted = [e.t_end for e in estimates if e.status == EstimateStatus.MODEL]
-    followed = [any(0.0 < t - e.t_end <= WITHDRAWN for t in contradicted) for e in estimates]
+    followed = [any(0.0 < t - e.t_end <= WITHDRAWN_NATS for t in contradicted) for e in estimates]
     return [_without_air(refused(e) if e.valid else e) if no else e for e, no in zip(estimates, followed, strict=True)]
 
 
@@ -99,7 +100,7 @@ def held_out(rows: Rows, estimate: Estimate, whiteness: float | None) -> WindowF
     terms = active_terms(estimate)
     part = rows.part(rows.cut(estimate.t_start, estimate.t_end))
     span = max(1, round(INCREMENT / rows.period))
-    split = estimate.t_end - (estimate.t_end - estimate.t_start) / HELD_OUT
+    split = estimate.t_end - (estimate.t_end - estimate.t_start) / HELD_OUT_PARTS
     if np.count_nonzero(part.t >= split) - span < (LEAST_HELD_OUT - 1) * span:
         return WindowFit(None, whiteness)
     begin, end, y, phi = increments(part, terms, INCREMENT)
@@ -180,7 +181,7 @@ def _of_window(rows: Rows, part: Rows, m: Modes, fit: Fit, e: Estimate, terms: t
     shown = held_out(rows, made, p) if made.valid else WindowFit()
     if not made.valid:
         lacking = [lack for lack in asked.lacks if lack.is_most] or asked.lacks
-        lacking = lacking if made.status in UNTOLD or asked.is_placebo else []
+        lacking = lacking if made.status in WEAK_STATUSES or asked.is_placebo else []
         return (refused(made) if lacking else made), shown, lacking, made
     values = dict(zip(made.terms, made.xi[:, 1].tolist(), strict=True))
     xi = np.array([values[term] for term in terms])
@@ -196,9 +197,11 @@ def _of_window(rows: Rows, part: Rows, m: Modes, fit: Fit, e: Estimate, terms: t
         own = np.sqrt(np.diag(fit.covariance))
         off = np.abs(xi - fit.xi)
         sizes = np.sqrt(np.sum(m.phi**2, axis=0))
-        counts = TOLERANCE * np.max(np.abs(fit.xi) * sizes) / np.maximum(sizes, 1e-300)
-        differ = (off > np.maximum(TWICE * np.hypot(own, std), TOLERANCE * np.abs(fit.xi))) & (off > counts)
-        if np.any(differ | ((own > NARROW * std) & (own > counts))):   # nothing is known better than by weights
+        counts = RELATIVE_TOLERANCE * np.max(np.abs(fit.xi) * sizes) / np.maximum(sizes, 1e-300)
+        differ = (off > np.maximum(AGREEMENT_SIGMAS * np.hypot(own, std),
+                                   RELATIVE_TOLERANCE * np.abs(fit.xi))) & (off > counts)
+        # nothing is known better than by weights
+        if np.any(differ | ((own > CONTRADICTING_RATIO * std) & (own > counts))):
             lacking = [Lack("coefficients")]
     return (refused(made) if lacking else made), shown, lacking, made
 
@@ -308,4 +311,4 @@ def drift(bent: Fit, fit: Fit, terms: tuple[str, ...], rate: dict[str, float]) -
     value, vector = np.linalg.eigh(spread / np.outer(scale, scale))
     along = vector.T @ (off[pair] / scale)
     chi = float(np.sum(along**2 / np.maximum(value, 1e-3)))
-    return covariance + np.outer(off, off) * (1.0 - 2.0 / chi) if chi > BY_CHANCE else covariance
+    return covariance + np.outer(off, off) * (1.0 - 2.0 / chi) if chi > CHANCE_DRIFT else covariance

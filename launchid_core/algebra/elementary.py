@@ -16,20 +16,21 @@ from ..kernels import asked
 LN2_HIGH = 0.6931471803691238        # ln 2 to 32 bits: a whole number below 2^20 times it is exact
 LN2_LOW = 1.9082149292705877e-10     # the rest
 INVERSE_LN2 = 1.4426950408889634
-LARGEST = 709.782712893384           # log of the largest double
-SMALLEST = -745.1332191019412        # log of the smallest
+LOG_LARGEST = 709.782712893384       # log of the largest double
+LOG_SMALLEST = -745.1332191019412    # log of the smallest
 ROOT_HALF = math.sqrt(0.5)
-NARROW = 134217729.0                 # 2^27 + 1 splits a double into two of 26 bits (Dekker 1971)
-NOTHING = 27.3                       # erfc is 0 beyond
+SPLIT = 134217729.0                  # 2^27 + 1 splits a double into two of 26 bits (Dekker 1971)
+ERFC_END = 27.3                      # erfc is 0 beyond
 TWO_OVER_PI = 2.0 / math.pi
 TURN = 2.0 * math.pi                 # to half a unit in its last place
-FAR = 1.0e6                          # rad; below it there are fewer than 2^20 quarters of a turn
+LARGEST_ARGUMENT = 1.0e6             # rad; below it there are fewer than 2^20 quarters of a turn
 QUARTER = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487111665e-21, 8.4784276603689e-32)
 # pi/2 in three parts of 33 bits, of which a whole number below 2^20 times each is exact, and the rest
-CENTRE = 3.75                        # of erfc's variable (x - CENTRE)/(x + CENTRE)
+ERFC_CENTRE = 3.75                   # of erfc's variable (x - ERFC_CENTRE)/(x + ERFC_CENTRE)
 EXP = np.array([1.0 / math.factorial(k) for k in range(15)])   # |r| <= ln2/2: the next is below 2^-60 of the sum
 ATANH = np.array([2.0 / (2 * k + 1) for k in range(13)])       # |s| <= 0.1716: the next is below 2^-66
-SINE = np.array([(-1.0)**k / math.factorial(2 * k + 1) for k in range(9)])    # |r| <= pi/4: the next is below 2^-63
+# |r| <= pi/4: the next is below 2^-63
+SINE_SERIES = np.array([(-1.0)**k / math.factorial(2 * k + 1) for k in range(9)])
 COSINE = np.array([(-1.0)**k / math.factorial(2 * k) for k in range(10)])      # and 2^-68
 # Chebyshev coefficients of (1 + 2x) exp(x^2) erfc(x) (Shepherd and Laframboise, Math. Comp. 36, 1981), computed to 50
 # digits from the function; the next is below 2^-58
@@ -62,8 +63,8 @@ def scaled(x, n):
 
 @asked
 def exp_of(x):
-    """exp(x) = 2^n exp(r), x = n ln 2 + r; inf above LARGEST, 0 below SMALLEST, NaN of NaN."""
-    if not (SMALLEST <= x <= LARGEST):
+    """exp(x) = 2^n exp(r), x = n ln 2 + r; inf above LOG_LARGEST, 0 below LOG_SMALLEST, NaN of NaN."""
+    if not (LOG_SMALLEST <= x <= LOG_LARGEST):
         if np.isnan(x):
             return x
         return math.inf if x > 0.0 else 0.0
@@ -108,14 +109,14 @@ def erfc_of(x):
     if np.isnan(x):
         return x
     a = abs(x)
-    if a > NOTHING:
+    if a > ERFC_END:
         return 0.0 if x > 0.0 else 2.0
-    t = (a - CENTRE) / (a + CENTRE)
+    t = (a - ERFC_CENTRE) / (a + ERFC_CENTRE)
     before, now = 0.0, 0.0
     for back in range(24):  # Clenshaw
         before, now = now, 2.0 * t * now - before + ERFC[24 - back]
     value = t * now - before + ERFC[0]
-    wide = NARROW * a
+    wide = SPLIT * a
     high = wide - (wide - a)
     low = a - high
     value *= exp_of(-high * high) * exp_of(-low * (a + high)) / (1.0 + 2.0 * a)
@@ -134,9 +135,10 @@ def difference(a, b):
 def wave(a, ahead):
     """sin(a + ahead pi/2), a >= 0 and finite: sin or cos of what is left of the nearest quarter of a turn.
 
-    From FAR on that of a number within half a unit in the last place of a: whole turns are taken off by fmod, exactly.
+    From LARGEST_ARGUMENT on that of a number within half a unit in the last place of a: whole turns are taken off by
+    fmod, exactly.
     """
-    x = a if a < FAR else np.fmod(a, TURN)
+    x = a if a < LARGEST_ARGUMENT else np.fmod(a, TURN)
     n = math.floor(x * TWO_OVER_PI + 0.5)
     first, lost = difference(x - n * QUARTER[0], n * QUARTER[1])
     second, more = difference(first, n * QUARTER[2])
@@ -146,10 +148,10 @@ def wave(a, ahead):
     z = r * r
     quarter = (int(n) + ahead) % 4
     if quarter % 2 == 0:
-        total = SINE[8]
+        total = SINE_SERIES[8]
         for back in range(6):
-            total = total * z + SINE[7 - back]
-        value = r + (rest + z * (r * (total * z + SINE[1]) - 0.5 * rest))  # sin(r + rest)
+            total = total * z + SINE_SERIES[7 - back]
+        value = r + (rest + z * (r * (total * z + SINE_SERIES[1]) - 0.5 * rest))  # sin(r + rest)
     else:
         total = COSINE[9]
         for back in range(7):

@@ -19,7 +19,8 @@ from .lanes import divide, dot, largest_size, reflect, scale, subtract
 
 EPS = np.finfo(np.float64).eps
 LARGER = 1.0 + 1.0e-12  # so much is no rounding: of columns of one norm the first is the pivot, on any machine
-LEFT = 1.0e-3  # share of a column's square: less left of it by subtraction has lost three digits, and is summed anew
+# share of a column's square: less left of it by subtraction has lost three digits, and is summed anew
+MIN_LEFT = 1.0e-3
 LEAST_SQUARE = 1.0e-200  # of a column: below it, and above its inverse, a number's own square may be 0 or inf
 
 
@@ -101,7 +102,7 @@ def qr_factor(at, order, tau, tolerance):
         reflect(v, tau[k], at, k + 1, at.shape[0], k, m)
         for j in range(k + 1, n):
             tau[j] -= at[j, k] * at[j, k]
-            if not tau[j] > LEFT * first * first:
+            if not tau[j] > MIN_LEFT * first * first:
                 tau[j] = dot(at[j], at[j], k + 1, m)
         rank += 1
     for j in range(rank, n):

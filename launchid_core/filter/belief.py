@@ -3,7 +3,8 @@
 from ..kernels import inner
 
 # constant (f8)
-(FREQUENCY, DAMPING, TIME_CONSTANT, DELAY, PERIOD, MISSING, HELD, AIRY, TURBULENCE_TIME, GAMMA_STD, LEAN, GYRO_SCALE,
+(FREQUENCY, DAMPING, TIME_CONSTANT, DELAY, CONTROLLER_PERIOD, MISSING, HELD, AIRY, TURBULENCE_TIME, GAMMA_STD, LEAN,
+ GYRO_SCALE,
  COMMAND_GAIN, COMMAND_OFFSET, OFFSET, SATURATION, AERO_DAMPING, BLOCK_SHARE) = (*range(15), 17, 20, 21)
 # MISSING: share of the time between two samples with a command that no sample holds
 # HELD: 1: the gains are the nominal's, whatever a6 and k1 are believed to be (a model with wind levels)
@@ -19,14 +20,14 @@ A6, K1 = range(2)
 MEAN_A6, MEAN_K1, VAR_A6, COV, VAR_K1 = range(5)
 N_BELIEF = 5
 FIRST_STD = 0.5  # relative: what is known of either before any data
-ONSETS = 24  # blocks that sudden changes are sought in: 2.4 s at 0.1 s
+CHANGE_BLOCKS = 24  # blocks that sudden changes are sought in: 2.4 s at 0.1 s
 # a row of `air` (f8)
 AIR_T, AIR_WIND, AIR_ALPHA, AIR_BETA = range(4)
 N_AIR = 4
 # a row of a profile (f8): time [s], a6, k1 [1/s^2], or the range of both
 NODE_T, NODE_A6, NODE_K1 = range(3)
 N_NODE = 3
-NONE = -1
+ABSENT = -1
 
 
 @inner

@@ -15,7 +15,7 @@ from ..algebra.elementary import exp_of
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, MOMENT, TURBULENCE, WALK
 from .belief import AIR_ALPHA, AIR_BETA, AIR_WIND, AIRY, GAMMA_STD, LEAN, air_at
-from .servo import KEEP, REACH, STEP
+from .servo import ANGLE_OF_RATE, KEEP_PLACE, STEP_PLACE
 from .states import FIRST, GAMMA_NOW, LAST, N_STATES
 
 OFFSET_TIME = 6000.0            # s: in it an offset may change by its whole spread, one sigma; by 11 % in 70 s
@@ -98,7 +98,7 @@ def share_blown(belief, j, h, keep):
 @inner
 def add_wind(belief, fil, gamma_variance):
     """Add what the wind may have changed over the step, and gamma's noise as an acceleration [rad^2/s^4]."""
-    h, keep = fil.step[STEP], fil.step[KEEP]
+    h, keep = fil.step[STEP_PLACE], fil.step[KEEP_PLACE]
     for j in range(belief.size.nuisances):
         k, at = N_STATES + j, belief.level[j]
         if at < 0:
@@ -108,7 +108,7 @@ def add_wind(belief, fil, gamma_variance):
         fil.p[k, k] += q
         fil.sp[at, k, k] += 2.0 * q
     if belief.constant[GAMMA_STD] > 0.0 and gamma_variance > 0.0:
-        w = (0.5 * h * fil.step[REACH], fil.step[REACH])
+        w = (0.5 * h * fil.step[ANGLE_OF_RATE], fil.step[ANGLE_OF_RATE])
         for i in range(2):
             for j in range(2):
                 fil.p[i, j] += w[i] * w[j] * gamma_variance

@@ -27,7 +27,7 @@ BLOCK = 0.1             # s: the step of tracking, of change detection and of th
 WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data is 0 +- 10,000 times its nominal
 LEVEL_PRIOR = 1.0 / 0.4**2  # declared noise levels are believed to a factor exp(0.4) = 1.5, one sigma
 WIND_PRIOR = 1.0 / 0.7**2   # and the wind's to a factor 2
-LEVEL_STEP = 0.05       # most that a log level moves in BLOCK: a jump of a6 or k1 is no noise (1 s for a factor 1.6)
+LEVEL_STEP_A_BLOCK = 0.05  # most that a log level moves in BLOCK: a jump of a6 or k1 is no noise (1 s for a factor 1.6)
 WIND_STEP = 0.4         # and one of the wind: what follows a calm is wind within a second, or passes for sudden changes
 LEAST_WIND = math.log(0.02)  # of a log level of the wind: lower ones change nothing, and wind may rise again
 LEVEL_RELAXES = 0.97     # of a log level in BLOCK, while the model is contradicted: 3 s
@@ -35,7 +35,7 @@ RANK_TOLERANCE = 1.0e-12  # of the levels' information: below it a level is not 
 LEVEL_MEMORY = 0.9995   # what is left after BLOCK of what was known: noise levels may change over minutes
 
 # counts (i8) of an accumulator: rows in the block, samples and gaps in the window
-ROWS, SAMPLES, GAPS = range(3)
+BLOCK_ROWS, SAMPLES, BLOCK_GAPS = range(3)
 
 
 @inner
@@ -48,7 +48,7 @@ def clear_window(size, acc):
         acc.window[first_column(size) + j, first_column(size) + j] = 1.0
     set_identity(size, acc.psi)
     acc.counts[SAMPLES] = 0
-    acc.counts[GAPS] = 0
+    acc.counts[BLOCK_GAPS] = 0
 
 
 @inner
@@ -106,7 +106,7 @@ def reduce_block(size, acc, rows, work, theta, beta):
     """
     c, n, width = size.columns, size.states, size.pair
     work.triangle[:, :] = 0.0
-    absorb_rows(work.triangle[:], rows, c, acc.counts[ROWS])
+    absorb_rows(work.triangle[:], rows, c, acc.counts[BLOCK_ROWS])
     for j in range(n):
         work.columns[j] = j
     work.columns[n], work.columns[n + 1], work.columns[n + 2] = n + theta, n + beta, c - 1
@@ -162,7 +162,7 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
     """
     t = row[T]
     if begins_anew(belief, fil, t, max_gap):
-        acc.counts[GAPS] += int(fil.time[RUNNING])  # a gap, unless it is the first sample of all
+        acc.counts[BLOCK_GAPS] += int(fil.time[RUNNING])  # a gap, unless it is the first sample of all
         fil.note[RESTARTS] += int(fil.time[RUNNING])
         if is_lost(belief, fil):
             note_loss(check, t)
@@ -189,11 +189,11 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
             continue
         e, variance = correct(belief.size, fil, work, channel, partner, z, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
-        k = acc.counts[ROWS]
+        k = acc.counts[BLOCK_ROWS]
         for j in range(last):
             rows[j, k] = out[j] * scale
         rows[last, k] = (e + out[theta] * fil.p_bar[A6] + out[beta] * fil.p_bar[K1]) * scale
-        acc.counts[ROWS] = k + 1
+        acc.counts[BLOCK_ROWS] = k + 1
         note_innovation(check, channel, e * scale, out[theta] * scale, out[beta] * scale)
         note_servo(belief, check, channel, out, scale)
     acc.counts[SAMPLES] += 1
@@ -203,7 +203,7 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
 @inner
 def is_full(acc, rows):
     """Whether the block's rows (c, 3 b) leave no room for another sample's."""
-    return acc.counts[ROWS] > rows.shape[1] - N_CHANNELS
+    return acc.counts[BLOCK_ROWS] > rows.shape[1] - N_CHANNELS
 
 
 @inner
@@ -236,7 +236,7 @@ def update_levels(belief, fil, acc, work):
     for k in range(n):
         j = work.order[k]
         is_wind = n > N_NOISES and j >= N_NOISES
-        most = share * (WIND_STEP if is_wind else LEVEL_STEP)
+        most = share * (WIND_STEP if is_wind else LEVEL_STEP_A_BLOCK)
         moved = min(max(work.step[k], -most), most)
         fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > most)
         if is_wind:

@@ -151,11 +151,11 @@ def report_window(belief, profile, state, work, t_centre):
     if knows_one_direction(std_a, std_k, correlation):
         return wn.SEPARATION
     for j in range(belief.size.terms):
-        out.xi[j, wn.ATTITUDE] = coefficient[j]
-        out.support[j, wn.ATTITUDE] = state.active[j]
-    out.xi[theta, wn.ATTITUDE] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0
-    out.xi[beta, wn.ATTITUDE] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
-    out.number[wn.O_A6], out.number[wn.O_K1] = out.xi[theta, wn.ATTITUDE], out.xi[beta, wn.ATTITUDE]
+        out.xi[j, wn.THETA_REPEATS] = coefficient[j]
+        out.support[j, wn.THETA_REPEATS] = state.active[j]
+    out.xi[theta, wn.THETA_REPEATS] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0
+    out.xi[beta, wn.THETA_REPEATS] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
+    out.number[wn.O_A6], out.number[wn.O_K1] = out.xi[theta, wn.THETA_REPEATS], out.xi[beta, wn.THETA_REPEATS]
     out.number[wn.O_A6_STD], out.number[wn.O_K1_STD] = out.number[wn.O_A6_BOUND], out.number[wn.O_K1_BOUND]
     if state.active[theta]:
         out.std[theta] = out.number[wn.O_A6_STD]

@@ -30,7 +30,7 @@ from . import belief as bl
 from . import states as sx
 from .belief import profile_at
 from .disturbances import add_wind, fill_push, follow_path, spread_at
-from .servo import SAME_STEP, STEP, set_steps
+from .servo import SAME_STEP, STEP_PLACE, set_steps
 from .transition import (
     add_held_noise,
     add_process_noise,
@@ -48,8 +48,8 @@ JUMP_MEMORY = 1.0               # s: long beside the noise that makes a command 
 UNKNOWN_RATE_STD = 1.0          # rad/s, of theta_dot before the first measurement if there is no gyro
 START_NOZZLE_RATE_STD = 0.5     # rad/s, of beta_dot at the start of a segment
 OUTLIER = 8.0                   # standard deviations of an innovation: beyond it a measurement is left out
-MAX_OUTLIERS = 5                # in a row of one channel, for LOST: then the filter is wrong, and starts afresh
-LOST = 0.05                     # s: so long may a sensor's spike last at any rate
+MAX_OUTLIERS = 5                # in a row of one channel, for SPIKE_LASTS: then the filter is wrong, and starts afresh
+SPIKE_LASTS = 0.05              # s: so long may a sensor's spike last at any rate
 SMALL_ANGLE = 0.5               # rad: a flight-path angle beyond it is none of this model's
 
 
@@ -104,7 +104,7 @@ def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
 @inner
 def delayed_input(constant, fil):
     """Command that acts over the coming step: `delay` old, linear between samples; NaN if not logged."""
-    steps = constant[bl.DELAY] / constant[bl.PERIOD]
+    steps = constant[bl.DELAY] / constant[bl.CONTROLLER_PERIOD]
     whole = int(steps)
     share = steps - whole
     newer = fil.command[min(whole, sx.MAX_DELAY_SAMPLES - 1)]
@@ -119,7 +119,7 @@ def take_command(constant, servo, fil, command):
 
     servo  in  how many of the servo's numbers are not
     """
-    depth = min(int(constant[bl.DELAY] / constant[bl.PERIOD]) + 1, sx.MAX_DELAY_SAMPLES - 1)
+    depth = min(int(constant[bl.DELAY] / constant[bl.CONTROLLER_PERIOD]) + 1, sx.MAX_DELAY_SAMPLES - 1)
     if servo > 0:
         depth = sx.MAX_DELAY_SAMPLES - 1
     for k in range(depth, 0, -1):
@@ -143,7 +143,7 @@ def add_missed(belief, fil, k1, command):
         return
     change = command - fil.command[0]
     if np.isfinite(change):
-        share = 1.0 if fil.jump[0] == 0.0 else min(fil.step[STEP] / JUMP_MEMORY, 1.0)
+        share = 1.0 if fil.jump[0] == 0.0 else min(fil.step[STEP_PLACE] / JUMP_MEMORY, 1.0)
         fil.jump[0] += share * (change * change - fil.jump[0])
     add_held_noise(fil.missed, k1, fil.jump[0], fil.p[:])
 
@@ -155,7 +155,7 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     command, gamma [rad]  of the sample at t;  of an estimated servo `set_unknown_step` has set the step
     """
     n, h = belief.size.states, t - fil.time[sx.LAST]
-    if belief.size.servo == 0 and abs(h - fil.step[STEP]) > SAME_STEP * h:
+    if belief.size.servo == 0 and abs(h - fil.step[STEP_PLACE]) > SAME_STEP * h:
         set_steps(belief, fil, work, belief.constant[bl.FREQUENCY], belief.constant[bl.DAMPING], h)
     a6, k1 = profile_at(profile, fil.time[sx.LAST] + 0.5 * h)
     acting, change = delayed_input(belief.constant, fil), 0.0
@@ -217,7 +217,7 @@ def is_lost(belief, fil):
     """Whether so many measurements in a row, over so long a time, were left out that the filter is wrong, not the
     sensor."""
     row = max(fil.outliers[0], fil.outliers[1], fil.outliers[2])
-    return row >= MAX_OUTLIERS and (row + 0.5) * belief.constant[bl.PERIOD] >= LOST
+    return row >= MAX_OUTLIERS and (row + 0.5) * belief.constant[bl.CONTROLLER_PERIOD] >= SPIKE_LASTS
 
 
 @inner

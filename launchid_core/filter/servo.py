@@ -4,20 +4,20 @@ from ..algebra.elementary import exp_of
 from ..kernels import inner
 from .belief import AERO_DAMPING, MISSING, TIME_CONSTANT, TURBULENCE_TIME
 
-TAYLOR_ORDER = 12
+SERVO_ORDER = 12
 SCALED = 0.25                   # norm of the matrix whose exponential is summed; the remainder is below 1e-17
 MAX_SQUARINGS = 24
 SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
 # step (f8): constants of one time step
-STEP = 0
+STEP_PLACE = 0
 PHI = 1    # 2x2 transition of the nozzle
-GAMMA = 5  # 2 effect of the command on it
+PATH_PLACE = 5  # 2 effect of the command on it
 J1 = 7     # 3: integral of beta over the step, damped as the rate is, from beta, beta_dot, command
 J2 = 10    # 3: double integral
-KEEP = 13  # what is left of the turbulence
+KEEP_PLACE = 13  # what is left of the turbulence
 FADE = 14  # what known damping leaves of a rate
-REACH = 15  # s: the angle that a rate of 1 makes over the step
+ANGLE_OF_RATE = 15  # s: the angle that a rate of 1 makes over the step
 N_STEP = 16
 
 
@@ -70,7 +70,7 @@ def exponential(m, total, term, spare):
             m[i, j] *= scale
             term[i, j] = 1.0 if i == j else 0.0
             total[i, j] = term[i, j]
-    for order in range(1, TAYLOR_ORDER + 1):
+    for order in range(1, SERVO_ORDER + 1):
         multiply(m, term, spare)
         for i in range(5):
             for j in range(5):
@@ -93,19 +93,19 @@ def set_step(constant, frequency, damping, h, work, step):
     servo_matrix(constant, frequency, damping, h, m)
     exponential(m, total, term, spare)
     w = 1.0 if constant[TIME_CONSTANT] > 0.0 else frequency
-    step[STEP] = h
+    step[STEP_PLACE] = h
     step[PHI] = total[2, 2]
     step[PHI + 1] = total[2, 3] / w
     step[PHI + 2] = total[3, 2] * w
     step[PHI + 3] = total[3, 3] if constant[TIME_CONSTANT] == 0.0 else 0.0
-    step[GAMMA] = total[2, 4]
-    step[GAMMA + 1] = total[3, 4] * w
+    step[PATH_PLACE] = total[2, 4]
+    step[PATH_PLACE + 1] = total[3, 4] * w
     for j in range(3):
         scale = 1.0 / w if j == 1 else 1.0
         step[J1 + j] = total[1, 2 + j] * scale
         step[J2 + j] = total[0, 2 + j] * scale
-    step[FADE], step[REACH] = total[1, 1], total[0, 1]
-    step[KEEP] = exp_of(-h / constant[TURBULENCE_TIME])
+    step[FADE], step[ANGLE_OF_RATE] = total[1, 1], total[0, 1]
+    step[KEEP_PLACE] = exp_of(-h / constant[TURBULENCE_TIME])
 
 
 @inner

@@ -3,7 +3,7 @@
 Per window the data cannot tell ten terms apart under sensor noise; the whitened
 innovations of the last ten seconds can.  Backward elimination by t-value on a
 square-root information matrix with forgetting; a term enters above ENTER and
-leaves below LEAVE; the nominal's own two, theta and beta, stay above NOMINAL.
+leaves below LEAVE; the nominal's own two, theta and beta, stay above NOMINAL_TERMS_LEVEL.
 """
 
 import math
@@ -15,8 +15,9 @@ from ..kernels import inner
 
 ENTER = 4.5       # t-value: ten terms, two sides, once in 15,000 independent looks by chance
 LEAVE = 3.5
-NOMINAL = 1.0     # theta and beta, the nominal's terms, stay above this: where theta is a ramp theta^2 looks alike
-MEMORY = 9.5      # s: forgetting of 0.9 per second
+# theta and beta, the nominal's terms, stay above this: where theta is a ramp theta^2 looks alike
+NOMINAL_TERMS_LEVEL = 1.0
+STRUCTURE_MEMORY = 9.5  # s: forgetting of 0.9 per second
 PRIOR = 1.0e-4    # 1/(raw units): keeps the triangle regular before there are data
 
 
@@ -27,7 +28,7 @@ def absorb_structure(size, r, work, dt):
     work  AccumulatorWork, triangle in
     """
     n, rows = size.terms + 1, size.columns
-    fade = exp_of(-0.5 * dt / MEMORY)
+    fade = exp_of(-0.5 * dt / STRUCTURE_MEMORY)
     for i in range(n):
         for j in range(n):
             r[i, j] *= fade
@@ -64,7 +65,7 @@ def select_terms(q, r, theta, beta, active, coefficient, work):
         worst, worst_share = -1, 1.0  # whose t-value falls furthest below its limit
         for j in range(q):
             if active[j]:
-                limit = NOMINAL if j in (theta, beta) else LEAVE if held[j] else ENTER
+                limit = NOMINAL_TERMS_LEVEL if j in (theta, beta) else LEAVE if held[j] else ENTER
                 share = abs(coefficient[j]) * norms[j] / (math.sqrt(variance[j]) * limit)
                 if share < worst_share:
                     worst, worst_share = j, share

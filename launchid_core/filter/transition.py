@@ -4,7 +4,7 @@ from ..algebra.library import library_column
 from ..kernels import inner
 from ..model import TURBULENCE
 from .belief import AT_BETA, AT_THETA, LEAN
-from .servo import FADE, GAMMA, J1, J2, KEEP, PHI, REACH, STEP
+from .servo import ANGLE_OF_RATE, FADE, J1, J2, KEEP_PLACE, PATH_PLACE, PHI, STEP_PLACE
 from .states import ACCELERATION_NOISE, COMMAND_NOISE, MOMENT_TEST, N_STATES, N_TESTS, SLOPE_A6, SLOPE_K1
 
 
@@ -15,7 +15,7 @@ def drive_terms(belief, fil, work, a6, k1, u, air):
     For theta and beta the unit is the nominal's own a6, k1 (a relative deviation); they multiply the angle of attack,
     whose part `air` [rad] is known, and the deflection with the lean that is known.
     """
-    h, reach = fil.step[STEP], fil.step[REACH]
+    h, reach = fil.step[STEP_PLACE], fil.step[ANGLE_OF_RATE]
     x = fil.x
     work.raw[0, 0], work.raw[1, 0], work.raw[2, 0] = x[0] + 0.5 * h * x[1], x[1], x[2] + 0.5 * h * x[3]
     for j in range(belief.size.terms):
@@ -37,7 +37,7 @@ def fill_transition(belief, fil, f, a6, k1, push):
     """Transition matrix of the step.  Left out: a6 h^2/6 of the nozzle's effect on the attitude, 3e-5 of k1 here; of
     known damping d what it does to the effect of a6 within a step, a6 d h^3/6.
     """
-    h, reach = fil.step[STEP], fil.step[REACH]
+    h, reach = fil.step[STEP_PLACE], fil.step[ANGLE_OF_RATE]
     c = 1.0 + 0.5 * a6 * h * h
     s = reach + a6 * h * h * h / 6.0
     f[0, 0], f[0, 1] = c, s
@@ -48,7 +48,7 @@ def fill_transition(belief, fil, f, a6, k1, push):
     f[3, 2], f[3, 3] = fil.step[PHI + 2], fil.step[PHI + 3]
     for j in range(belief.size.nuisances):
         f[0, N_STATES + j], f[1, N_STATES + j] = 0.5 * h * reach * push[j], reach * push[j]
-        f[N_STATES + j, N_STATES + j] = fil.step[KEEP] if belief.role[j] == TURBULENCE else 1.0
+        f[N_STATES + j, N_STATES + j] = fil.step[KEEP_PLACE] if belief.role[j] == TURBULENCE else 1.0
 
 
 @inner
@@ -100,7 +100,7 @@ def propagate_sensitivities(f, n, s, columns):
 @inner
 def drive_tests(belief, fil, work, age):
     """Effect of the tests' units on theta and theta_dot over the step, `age` [s] after the first sample."""
-    h, reach, first = fil.step[STEP], fil.step[REACH], belief.size.sensitivities - N_TESTS
+    h, reach, first = fil.step[STEP_PLACE], fil.step[ANGLE_OF_RATE], belief.size.sensitivities - N_TESTS
     theta, beta = belief.term[AT_THETA], belief.term[AT_BETA]
     for i in range(2):
         fil.s[i, first + SLOPE_A6] += age * work.drive[i, theta]
@@ -112,13 +112,13 @@ def drive_tests(belief, fil, work, age):
 @inner
 def advance_state(belief, fil, f, k1, u, known):
     """x over the step.  u [rad] command, `known` [rad/s^2] acceleration, both held."""
-    x, h, reach = fil.x, fil.step[STEP], fil.step[REACH]
+    x, h, reach = fil.x, fil.step[STEP_PLACE], fil.step[ANGLE_OF_RATE]
     y0, y1, y2, y3 = x[0], x[1], x[2], x[3]
     b0, b1 = k1 * fil.step[J2 + 2], k1 * fil.step[J1 + 2]
     x[0] = f[0, 0] * y0 + f[0, 1] * y1 + f[0, 2] * y2 + f[0, 3] * y3 + b0 * u
     x[1] = f[1, 0] * y0 + f[1, 1] * y1 + f[1, 2] * y2 + f[1, 3] * y3 + b1 * u
-    x[2] = f[2, 2] * y2 + f[2, 3] * y3 + fil.step[GAMMA] * u
-    x[3] = f[3, 2] * y2 + f[3, 3] * y3 + fil.step[GAMMA + 1] * u
+    x[2] = f[2, 2] * y2 + f[2, 3] * y3 + fil.step[PATH_PLACE] * u
+    x[3] = f[3, 2] * y2 + f[3, 3] * y3 + fil.step[PATH_PLACE + 1] * u
     x[0] += 0.5 * h * reach * known
     x[1] += reach * known
     for k in range(N_STATES, belief.size.states):
@@ -130,7 +130,7 @@ def advance_state(belief, fil, f, k1, u, known):
 @inner
 def add_held_noise(step, k1, variance, p):
     """Process noise of a command that is held over a step, into a covariance."""
-    b = (k1 * step[J2 + 2], k1 * step[J1 + 2], step[GAMMA], step[GAMMA + 1])
+    b = (k1 * step[J2 + 2], k1 * step[J1 + 2], step[PATH_PLACE], step[PATH_PLACE + 1])
     for i in range(N_STATES):
         for j in range(N_STATES):
             p[i, j] += b[i] * b[j] * variance
@@ -139,7 +139,7 @@ def add_held_noise(step, k1, variance, p):
 @inner
 def add_process_noise(fil, k1, command_variance, acceleration_variance):
     """Process noise of one step into the covariance and its derivative for the two process levels."""
-    h, reach = fil.step[STEP], fil.step[REACH]
+    h, reach = fil.step[STEP_PLACE], fil.step[ANGLE_OF_RATE]
     add_held_noise(fil.step, k1, command_variance, fil.p[:])
     add_held_noise(fil.step, k1, 2.0 * command_variance, fil.sp[COMMAND_NOISE])
     w = (0.5 * h * reach, reach)

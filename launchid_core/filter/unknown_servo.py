@@ -27,8 +27,20 @@ import numpy as np
 from ..algebra.linsolve import absorb_columns, absorb_rows
 from ..kernels import inner
 from ..model import SERVO
-from .belief import A6, AT_BETA, AT_THETA, DAMPING, DELAY, FIRST_STD, FREQUENCY, K1, MISSING, PERIOD, TIME_CONSTANT
-from .servo import GAMMA, J1, J2, PHI, SAME_STEP, STEP, set_step
+from .belief import (
+    A6,
+    AT_BETA,
+    AT_THETA,
+    CONTROLLER_PERIOD,
+    DAMPING,
+    DELAY,
+    FIRST_STD,
+    FREQUENCY,
+    K1,
+    MISSING,
+    TIME_CONSTANT,
+)
+from .servo import J1, J2, PATH_PLACE, PHI, SAME_STEP, STEP_PLACE, set_step
 from .states import MAX_DELAY_SAMPLES, N_CHANNELS, N_STATES
 
 N_SERVO = len(SERVO)
@@ -36,11 +48,11 @@ BY_FREQUENCY, BY_DAMPING, BY_DELAY = range(N_SERVO)
 # number (f8): natural frequency [rad/s], damping ratio, delay [s] believed, and the time step [s] that comes next
 NEXT_STEP = N_SERVO
 # columns of a response: of beta, beta_dot, the command as the step begins, its change within the step
-BETA, BETA_DOT, COMMAND, CHANGE = range(4)
+SERVO_BETA, SERVO_BETA_DOT, SERVO_COMMAND, SERVO_CHANGE = range(4)
 
-DIFFERENCE = 1.0e-3     # of a central difference: relative frequency, damping ratio, delay over the sample period
-LEAST, MOST = 0.1, 10.0  # of the nominal's frequency and damping: no filter is linearised about others
-SETTLED = 0.2           # standard deviations: from an estimate so near the filter need not move
+SERVO_DIFFERENCE = 1.0e-3  # of a central difference: relative frequency, damping ratio, delay over the sample period
+LEAST_FACTOR, MOST_FACTOR = 0.1, 10.0  # of the nominal's frequency and damping: no filter is linearised about others
+SETTLED_SIGMAS = 0.2    # standard deviations: from an estimate so near the filter need not move
 CURVED = 2.0            # of a move's square: by so much what was learned before counts as wrong; 0.5, the part that is
 # not linear, is too little
 UNSETTLED = 0.2         # share of a block's squares by what is unknown of the servo, beyond which it tells of no noise
@@ -59,7 +71,7 @@ def believe_servo(belief, fil):
     number[BY_FREQUENCY] = constant[FREQUENCY] * (1.0 + belief.servo[BY_FREQUENCY] * about[BY_FREQUENCY])
     number[BY_DAMPING] = constant[DAMPING] * (1.0 + belief.servo[BY_DAMPING] * about[BY_DAMPING])
     number[BY_DELAY] = constant[DELAY] + belief.servo[BY_DELAY] * about[BY_DELAY]
-    fil.step[STEP] = 0.0
+    fil.step[STEP_PLACE] = 0.0
 
 
 @inner
@@ -88,17 +100,17 @@ def fill_response(constant, frequency, damping, h, left, work, step, out):
     for j in range(3):
         out[0, j], out[1, j] = step[J2 + j], step[J1 + j]
     for i in range(2):
-        out[2 + i, BETA], out[2 + i, BETA_DOT] = step[PHI + 2 * i], step[PHI + 2 * i + 1]
-        out[2 + i, COMMAND], out[2 + i, CHANGE] = step[GAMMA + i], late[GAMMA + i]
-    out[0, CHANGE], out[1, CHANGE] = late[J2 + 2], late[J1 + 2]
+        out[2 + i, SERVO_BETA], out[2 + i, SERVO_BETA_DOT] = step[PHI + 2 * i], step[PHI + 2 * i + 1]
+        out[2 + i, SERVO_COMMAND], out[2 + i, SERVO_CHANGE] = step[PATH_PLACE + i], late[PATH_PLACE + i]
+    out[0, SERVO_CHANGE], out[1, SERVO_CHANGE] = late[J2 + 2], late[J1 + 2]
 
 
 @inner
 def left_after_switch(belief, fil, h):
     """The rest of a step h [s] when the command that is held, `delay` old, changes."""
     delay = fil.servo.number[BY_DELAY]
-    whole = int(delay / belief.constant[PERIOD])
-    return max(h - (delay - whole * belief.constant[PERIOD]), 0.0)
+    whole = int(delay / belief.constant[CONTROLLER_PERIOD])
+    return max(h - (delay - whole * belief.constant[CONTROLLER_PERIOD]), 0.0)
 
 
 @inner
@@ -106,18 +118,18 @@ def set_slopes(belief, fil, work):
     """Derivatives of the response for the deviations d, over a sample period: they only weigh the innovations, so
     other steps have them in proportion."""
     number, constant = fil.servo.number, belief.constant
-    h, left = constant[PERIOD], left_after_switch(belief, fil, constant[PERIOD])
-    unit = (constant[FREQUENCY] / number[BY_FREQUENCY], constant[DAMPING], 1.0 / constant[PERIOD])
+    h, left = constant[CONTROLLER_PERIOD], left_after_switch(belief, fil, constant[CONTROLLER_PERIOD])
+    unit = (constant[FREQUENCY] / number[BY_FREQUENCY], constant[DAMPING], 1.0 / constant[CONTROLLER_PERIOD])
     for j in range(belief.size.servo):
         slope = fil.servo.response[1 + j]
         slope[:, :] = 0.0
         if belief.servo[j] == 0.0:
             continue
         for side in range(2):
-            d = DIFFERENCE if side == 0 else -DIFFERENCE
+            d = SERVO_DIFFERENCE if side == 0 else -SERVO_DIFFERENCE
             frequency = number[BY_FREQUENCY] * (1.0 + d) if j == BY_FREQUENCY else number[BY_FREQUENCY]
             damping = number[BY_DAMPING] + d if j == BY_DAMPING else number[BY_DAMPING]
-            later = d * constant[PERIOD] if j == BY_DELAY else 0.0
+            later = d * constant[CONTROLLER_PERIOD] if j == BY_DELAY else 0.0
             fill_response(constant, frequency, damping, h, max(left - later, 0.0), work, work.late[1], work.moved[:])
             scale = belief.servo[j] * unit[j] / (2.0 * d)
             for i in range(N_STATES):
@@ -129,7 +141,7 @@ def set_slopes(belief, fil, work):
 def set_unknown_step(belief, fil, work):
     """Set the constants of the next time step for the servo as estimated, and its slopes if that moved."""
     number = fil.servo.number
-    if fil.step[STEP] == 0.0:
+    if fil.step[STEP_PLACE] == 0.0:
         set_slopes(belief, fil, work)
     h = number[NEXT_STEP]
     fill_response(belief.constant, number[BY_FREQUENCY], number[BY_DAMPING], h, left_after_switch(belief, fil, h), work,
@@ -143,13 +155,13 @@ def set_unknown_step(belief, fil, work):
 def note_step(fil, h):
     """Note the next time step h [s]; return whether `set_unknown_step` has to set its constants."""
     fil.servo.number[NEXT_STEP] = h
-    return abs(h - fil.step[STEP]) > SAME_STEP * h
+    return abs(h - fil.step[STEP_PLACE]) > SAME_STEP * h
 
 
 @inner
 def acting_commands(belief, fil):
     """(command that acts as the step begins, change within it) [rad]; NaN if one is not known."""
-    whole = int(fil.servo.number[BY_DELAY] / belief.constant[PERIOD])
+    whole = int(fil.servo.number[BY_DELAY] / belief.constant[CONTROLLER_PERIOD])
     older = fil.command[min(whole + 1, MAX_DELAY_SAMPLES - 1)]
     change = fil.command[min(whole, MAX_DELAY_SAMPLES - 1)] - older
     return older + 0.0 * change, change
@@ -166,10 +178,11 @@ def drive_servo(belief, fil, work, k1, u, change):
     is_known = belief.constant[MISSING] == 0.0 and not np.isnan(change)
     for j in range(belief.size.servo):
         response = fil.servo.response[1 + j]
-        ratio = 1.0 if j == BY_DELAY else fil.step[STEP] / belief.constant[PERIOD]
+        ratio = 1.0 if j == BY_DELAY else fil.step[STEP_PLACE] / belief.constant[CONTROLLER_PERIOD]
         for i in range(N_STATES):
-            effect = ratio * (response[i, BETA] * x[2] + response[i, BETA_DOT] * x[3] + response[i, COMMAND] * u
-                              + response[i, CHANGE] * change)
+            effect = ratio * (response[i, SERVO_BETA] * x[2] + response[i, SERVO_BETA_DOT] * x[3]
+                              + response[i, SERVO_COMMAND] * u
+                              + response[i, SERVO_CHANGE] * change)
             if i < 2:
                 effect *= k1
             work.servo_drive[j, i] = effect if is_known else 0.0
@@ -187,7 +200,7 @@ def add_change(belief, fil, work, k1, believed_k1, change):
             fil.s[i, at + j] += work.servo_drive[j, i]
         if np.isnan(change):
             continue
-        effect = fil.servo.response[0, i, CHANGE] * change
+        effect = fil.servo.response[0, i, SERVO_CHANGE] * change
         fil.x[i] += believed_k1 * effect if i < 2 else effect
         if i < 2:
             work.drive[i, beta] += k1 * effect
@@ -344,9 +357,9 @@ def within_reach(belief, j, d):
     if sigma == 0.0:
         return 0.0
     if j == BY_DELAY:
-        most = (MAX_DELAY_SAMPLES - 2) * constant[PERIOD]
+        most = (MAX_DELAY_SAMPLES - 2) * constant[CONTROLLER_PERIOD]
         return min(max(d, -constant[DELAY] / sigma), (most - constant[DELAY]) / sigma)
-    return min(max(d, (LEAST - 1.0) / sigma), (MOST - 1.0) / sigma)
+    return min(max(d, (LEAST_FACTOR - 1.0) / sigma), (MOST_FACTOR - 1.0) / sigma)
 
 
 @inner
@@ -360,7 +373,7 @@ def move_servo(belief, fil, work):
     at, number, square, far, away = first_column(size), servo.number, 0.0, 0.0, False
     for j in range(size.servo):
         step = within_reach(belief, j, servo.mean[j]) - servo.about[j]
-        away = away or abs(step) > SETTLED * std_of(size, servo, j)
+        away = away or abs(step) > SETTLED_SIGMAS * std_of(size, servo, j)
     if not away:
         return
     time = belief.constant[TIME_CONSTANT]

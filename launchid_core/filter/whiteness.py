@@ -3,10 +3,10 @@
 For the right model, parameters and noise levels the sum of a block's normalised innovations, less what the
 uncertainty of a6 and k1 adds to its variance, is a white sequence for each channel.  Anything else that acts (wind
 where none is declared, slosh, a bending mode, a sensor's offset) is correlated from block to block.  Kept are fading
-sums over CHECK_MEMORY of each channel's mean and of its products with the LAGS blocks before; divided by their standard
-deviations and squared they add up to a portmanteau statistic (Ljung & Box, Biometrika 65, 1978), approximately chi
-square, and the model is contradicted beyond CONTRADICTED.  It is believed again below BELIEVED, which white innovations
-exceed 8 %.
+sums over CHECK_MEMORY of each channel's mean and of its products with the WHITENESS_LAGS blocks before; divided by
+their standard deviations and squared they add up to a portmanteau statistic (Ljung & Box, Biometrika 65, 1978),
+approximately chi square, and the model is contradicted beyond CONTRADICTING_STATISTIC.  It is believed again below
+BELIEVED, which white innovations exceed 8 %.
 
 A part that stays, an acceleration or an offset of the gyro, is asked for in every window beside a6 and k1 and their
 slopes: by how much it would reduce the sum of squares is a chi square for the true model (Rao's score test: Proc.
@@ -16,14 +16,14 @@ Camb. Phil. Soc. 44, 1948).  A window at rest cannot tell it from a6: what many 
 One window's test alone fails by chance, of a true model once in 1,800 (windows of 1 s: once in 350 to 600, counted): it
 makes windows `MODEL` until one passes, and no more.  Sudden changes are taken back, and what was learned before is
 given up, where the contradiction is beyond chance: any other, a window that fails by far, or a second one within
-FORGOTTEN.
+LONGEST_MEMORY.
 
 A sudden change of a6 or k1 is no fault of the model: blocks wait for as long as `changes` looks back, and those after
 the onset of a change are dropped.  Changes that follow one another within CHECK_MEMORY are a fault, and so is a noise
 level that had to be raised beyond HIGHEST_LEVEL of the declared.
 
-False alarms: white innovations did not exceed CONTRADICTED in 6 h; by how their extremes grow they would about once in
-40 h.  tests/core/test_onboard_wind.py holds 2 h.
+False alarms: white innovations did not exceed CONTRADICTING_STATISTIC in 6 h; by how their extremes grow they would
+about once in 40 h.  tests/core/test_onboard_wind.py holds 2 h.
 """
 
 import math
@@ -31,41 +31,43 @@ import math
 from ..algebra.elementary import erfc_of, exp_of, log_of
 from ..kernels import inner
 from ..model import N_NOISES
-from .belief import A6, COV, K1, MEAN_A6, MEAN_K1, ONSETS, VAR_A6, VAR_K1
+from .belief import A6, CHANGE_BLOCKS, COV, K1, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 from .states import ACCELERATION_NOISE, N_CHANNELS
 
-LAGS = 20               # blocks: 2 s at 0.1 s, a quarter period of 8 s
+WHITENESS_LAGS = 20     # blocks: 2 s at 0.1 s, a quarter period of 8 s
 CHECK_MEMORY = 10.0     # s
-CONTRADICTED = 200.0    # of the statistic
+CONTRADICTING_STATISTIC = 200.0  # of the statistic
 BELIEVED = 90.0
 MANY_LOSSES = 3.5       # restarts within CHECK_MEMORY: a change costs one or two, more are a sensor or model gone wrong
-FORGOTTEN = 20.0        # s after which whatever contradicted the model, however strongly, is forgotten
-LARGEST_STATISTIC = 4913.833502982981  # BELIEVED exp(2 FORGOTTEN/CHECK_MEMORY), which has fallen to BELIEVED by then
+LONGEST_MEMORY = 20.0   # s after which whatever contradicted the model, however strongly, is forgotten
+# BELIEVED exp(2 LONGEST_MEMORY/CHECK_MEMORY), which has fallen to BELIEVED by then
+LARGEST_STATISTIC = 4913.833502982981
 MERGED = 2.5            # s: alarms so soon after a first one are of the same change
 STEADY_WINDOW = 15.0    # 6e-4 a window, were its noise levels known
 FAR_WINDOW = 25.0       # 4e-6
-LARGEST = 4.0           # standard deviations of a block: a moment's surprise is no habit
+BLOCK_SIGMAS = 4.0      # standard deviations of a block: a moment's surprise is no habit
 HIGHEST_LEVEL = 2.302585092994046  # ln 10, of the sensors', the command's and the acceleration's noise levels
-MEAN_STATISTIC = float(N_CHANNELS * (LAGS + 1))  # of white innovations
-SMALLEST = 1.0e-30      # of a statistic whose logarithm is asked for
+MEAN_STATISTIC = float(N_CHANNELS * (WHITENESS_LAGS + 1))  # of white innovations
+MIN_STATISTIC = 1.0e-30  # of a statistic whose logarithm is asked for
 FREEDOM = 30.0          # of the chi square of that mean and of the statistic's variance, 16.3^2: products of normals
 
-# sums (f8), a row a channel: of the sums, then of the products with 1 .. LAGS blocks before
+# sums (f8), a row a channel: of the sums, then of the products with 1 .. WHITENESS_LAGS blocks before
 MEAN = 0
 # number (f8)
-STATISTIC, WEIGHT, LAST_CHANGE, RESTLESS, LOSSES, LAST_LOSS, LAST_FAILED = range(7)
-# WEIGHT: sum of squared fading weights, the variance of each sum; LAST_CHANGE, RESTLESS [s]: alarm of a sudden change,
-# of one soon after another; LOSSES: fading count of restarts because the filter had lost the sensors, the last at
-# LAST_LOSS [s]; LAST_FAILED: of a window's test [s]
-N_NUMBERS = 7
+STATISTIC, SUM_WEIGHT, LAST_CHANGE, RESTLESS, LOSSES, LAST_LOSS, LAST_FAILED = range(7)
+# SUM_WEIGHT: sum of squared fading weights, the variance of each sum; LAST_CHANGE, RESTLESS [s]: alarm of a sudden
+# change, of one soon after another; LOSSES: fading count of restarts because the filter had lost the sensors, the last
+# at LAST_LOSS [s]; LAST_FAILED: of a window's test [s]
+N_WHITENESS_NUMBERS = 7
 # flag (i8)
-OLDEST, WAITING, RAISED, IN_WINDOW, RAISED_BY_WINDOW, CHANGED, IS_RESTLESS, HAS_FAILED, BEYOND_CHANCE = range(9)
+(OLDEST, BLOCKS_WAITING, WHITENESS_RAISED, IN_WINDOW, RAISED_BY_WINDOW, CHANGED, IS_RESTLESS, HAS_FAILED,
+ BEYOND_CHANCE) = range(9)
 # place of the oldest block that waits; how many; 1: contradicted; or was so in the window; what the window's test said;
 # there was a sudden change; and another one soon after; a window's test has failed before; contradicted beyond chance
-N_FLAGS = 9
+N_WHITENESS_FLAGS = 9
 PASSED, FAILED, FAILED_BEYOND_CHANCE = range(3)  # a window's test
 # what contradicts the model of what is seen here: the statistic; changes that follow one another, a stuck sensor
-NOTHING, BLOCKS, KEEPS_CHANGING = range(3)
+NO_VERDICT, BLOCKS, KEEPS_CHANGING = range(3)
 # mean (f8) of a block, a row a channel: sums of normalised innovations and of their sensitivities for a6 and k1
 INNOVATION, FOR_A6, FOR_K1 = range(3)
 
@@ -104,17 +106,17 @@ def queue_block(check, level, p_bar, total):
     level (L,), p_bar (2,), total (N_BELIEF,)  in  log noise levels, deviations that the innovations are about, the
     belief before the block
     """
-    slot = (check.flag[OLDEST] + check.flag[WAITING]) % ONSETS
+    slot = (check.flag[OLDEST] + check.flag[BLOCKS_WAITING]) % CHANGE_BLOCKS
     for c in range(N_CHANNELS):
         e, a, k = check.mean[c, INNOVATION], check.mean[c, FOR_A6], check.mean[c, FOR_K1]
         e += a * (p_bar[A6] - total[MEAN_A6]) + k * (p_bar[K1] - total[MEAN_K1])
         variance = check.seen[c] + a * a * total[VAR_A6] + 2.0 * a * k * total[COV] + k * k * total[VAR_K1]
         u = e / math.sqrt(variance) if check.seen[c] > 0 else 0.0
         u *= quiet(max(level[c], level[ACCELERATION_NOISE]))
-        check.pending[slot, c] = min(max(u, -LARGEST), LARGEST)
+        check.pending[slot, c] = min(max(u, -BLOCK_SIGMAS), BLOCK_SIGMAS)
         check.seen[c] = 0
     check.mean[:, :] = 0.0
-    check.flag[WAITING] += 1
+    check.flag[BLOCKS_WAITING] += 1
 
 
 @inner
@@ -122,7 +124,7 @@ def drop_blocks(check, blocks, t):
     """The newest blocks are a sudden change's, whose alarm was raised at t [s].  One that follows another within
     CHECK_MEMORY is none: what keeps changing was not understood.  Within MERGED of its first alarm it is the same one.
     """
-    check.flag[WAITING] = max(check.flag[WAITING] - blocks, 0)
+    check.flag[BLOCKS_WAITING] = max(check.flag[BLOCKS_WAITING] - blocks, 0)
     since = t - check.number[LAST_CHANGE]
     if check.flag[CHANGED] == 1 and 0.0 <= since <= MERGED:
         return
@@ -137,27 +139,27 @@ def drop_blocks(check, blocks, t):
 def take_block(check, dt):
     """The oldest block has waited long enough: its products join the sums, and the statistic follows.  dt [s]"""
     slot = check.flag[OLDEST]
-    check.flag[OLDEST] = (slot + 1) % ONSETS
-    check.flag[WAITING] -= 1
+    check.flag[OLDEST] = (slot + 1) % CHANGE_BLOCKS
+    check.flag[BLOCKS_WAITING] -= 1
     fade = exp_of(-dt / CHECK_MEMORY)
-    weight = fade * fade * check.number[WEIGHT] + 1.0
-    check.number[WEIGHT] = weight
+    weight = fade * fade * check.number[SUM_WEIGHT] + 1.0
+    check.number[SUM_WEIGHT] = weight
     statistic = 0.0
     for c in range(N_CHANNELS):
         u, sums = check.pending[slot, c], check.sums[c]
         sums[MEAN] = fade * sums[MEAN] + u
         statistic += sums[MEAN] * sums[MEAN]
-        for lag in range(LAGS):
+        for lag in range(WHITENESS_LAGS):
             sums[1 + lag] = fade * sums[1 + lag] + u * check.history[lag, c]
             statistic += sums[1 + lag] * sums[1 + lag]
-        for lag in range(LAGS - 1, 0, -1):
+        for lag in range(WHITENESS_LAGS - 1, 0, -1):
             check.history[lag, c] = check.history[lag - 1, c]
         check.history[0, c] = u
     check.number[STATISTIC] = statistic / weight
     if check.number[STATISTIC] > LARGEST_STATISTIC:
         share = math.sqrt(LARGEST_STATISTIC / check.number[STATISTIC])
         for c in range(N_CHANNELS):
-            for lag in range(LAGS + 1):
+            for lag in range(WHITENESS_LAGS + 1):
                 check.sums[c, lag] *= share
         check.number[STATISTIC] = LARGEST_STATISTIC
 
@@ -166,7 +168,7 @@ def take_block(check, dt):
 def contradict(check, t):
     """Contradict the model for CHECK_MEMORY from t [s] on: something is wrong that no block shows."""
     check.number[RESTLESS] = t
-    check.flag[IS_RESTLESS], check.flag[RAISED], check.flag[BEYOND_CHANCE] = 1, 1, 1
+    check.flag[IS_RESTLESS], check.flag[WHITENESS_RAISED], check.flag[BEYOND_CHANCE] = 1, 1, 1
 
 
 @inner
@@ -181,10 +183,10 @@ def note_loss(check, t):
 
 @inner
 def contradicted_by(check):
-    """NOTHING, BLOCKS or KEEPS_CHANGING, whatever else contradicts the model."""
+    """NO_VERDICT, BLOCKS or KEEPS_CHANGING, whatever else contradicts the model."""
     if check.flag[IS_RESTLESS] == 1:
         return KEEPS_CHANGING
-    return BLOCKS if check.number[STATISTIC] > CONTRADICTED else NOTHING
+    return BLOCKS if check.number[STATISTIC] > CONTRADICTING_STATISTIC else NO_VERDICT
 
 
 @inner
@@ -200,15 +202,15 @@ def judge_model(check, level, undeclared, t):
     if not 0.0 <= t - check.number[RESTLESS] <= CHECK_MEMORY:  # it is over, or the clock was set back
         flag[IS_RESTLESS] = 0
     persists = flag[IS_RESTLESS] == 1 or flag[RAISED_BY_WINDOW] == FAILED_BEYOND_CHANCE or undeclared == 1
-    if persists or check.number[STATISTIC] > CONTRADICTED or highest > HIGHEST_LEVEL:
-        flag[RAISED], flag[BEYOND_CHANCE] = 1, 1
+    if persists or check.number[STATISTIC] > CONTRADICTING_STATISTIC or highest > HIGHEST_LEVEL:
+        flag[WHITENESS_RAISED], flag[BEYOND_CHANCE] = 1, 1
     elif flag[RAISED_BY_WINDOW] == FAILED:
-        flag[RAISED] = 1
+        flag[WHITENESS_RAISED] = 1
     elif check.number[STATISTIC] < BELIEVED or flag[BEYOND_CHANCE] == 0:
-        flag[RAISED] = 0
-    flag[IN_WINDOW] = max(flag[IN_WINDOW], flag[RAISED])
-    cleared = flag[RAISED] == 0 and flag[BEYOND_CHANCE] == 1
-    flag[BEYOND_CHANCE] = min(flag[BEYOND_CHANCE], flag[RAISED])
+        flag[WHITENESS_RAISED] = 0
+    flag[IN_WINDOW] = max(flag[IN_WINDOW], flag[WHITENESS_RAISED])
+    cleared = flag[WHITENESS_RAISED] == 0 and flag[BEYOND_CHANCE] == 1
+    flag[BEYOND_CHANCE] = min(flag[BEYOND_CHANCE], flag[WHITENESS_RAISED])
     return cleared
 
 
@@ -220,17 +222,17 @@ def judge_window(check, level, unexplained, t):
     if not unexplained > STEADY_WINDOW:
         check.flag[RAISED_BY_WINDOW] = PASSED
         return
-    again = check.flag[HAS_FAILED] == 1 and 0.0 <= t - check.number[LAST_FAILED] <= FORGOTTEN
+    again = check.flag[HAS_FAILED] == 1 and 0.0 <= t - check.number[LAST_FAILED] <= LONGEST_MEMORY
     check.flag[RAISED_BY_WINDOW] = FAILED_BEYOND_CHANCE if again or unexplained > FAR_WINDOW else FAILED
     check.number[LAST_FAILED] = t
-    check.flag[RAISED], check.flag[IN_WINDOW], check.flag[HAS_FAILED] = 1, 1, 1
+    check.flag[WHITENESS_RAISED], check.flag[IN_WINDOW], check.flag[HAS_FAILED] = 1, 1, 1
 
 
 @inner
 def watch_model(check, level, undeclared, t, dt):
     """Take the blocks that have waited and judge the model, after a block; returns True where the model is believed
     again after it was contradicted beyond chance."""
-    if check.flag[WAITING] >= ONSETS:
+    if check.flag[BLOCKS_WAITING] >= CHANGE_BLOCKS:
         take_block(check, dt)
     return judge_model(check, level, undeclared, t)
 
@@ -242,7 +244,7 @@ def forget_blocks(check):
     for c in range(N_CHANNELS):
         check.seen[c] = 0
     check.servo[:, :] = 0.0
-    check.flag[WAITING] = 0
+    check.flag[BLOCKS_WAITING] = 0
     check.history[:, :] = 0.0
 
 
@@ -250,6 +252,6 @@ def forget_blocks(check):
 def likelihood_of_chance(check):
     """p-value of the statistic: a chi square of FREEDOM, by the cube root (Wilson & Hilferty, PNAS 17, 1931)."""
     share = 2.0 / (9.0 * FREEDOM)
-    root = exp_of(log_of(max(check.number[STATISTIC] / MEAN_STATISTIC, SMALLEST)) / 3.0)
+    root = exp_of(log_of(max(check.number[STATISTIC] / MEAN_STATISTIC, MIN_STATISTIC)) / 3.0)
     z = (root - 1.0 + share) / math.sqrt(share)
     return 0.5 * erfc_of(z / math.sqrt(2.0))

@@ -30,9 +30,10 @@ T_FIRST, T_LAST, T_CANDIDATE, T_CLOSED, TURNED, BEFORE = range(6)
 N_CLOCK = 6
 
 # count (i8)
-HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, GAPS, WAITING, ESTIMATES, STUCK, WRAPS = range(12)
+(HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, GAPS, WAITING, ESTIMATES, STUCK_ROWS,
+ WRAPS) = range(12)
 # WAITING: samples in the ring that were not used yet; ESTIMATES: 1 once a window has closed
-# STUCK: windows with a sensor that stood still; WRAPS: jumps of theta across +-pi that were undone
+# STUCK_ROWS: windows with a sensor that stood still; WRAPS: jumps of theta across +-pi that were undone
 COUNT_FIRST = 12  # count[COUNT_FIRST + status - Status.BUSY] counts that answer
 N_STATUS = int(Status.RECOVERED) - int(Status.BUSY) + 1
 N_COUNT = COUNT_FIRST + N_STATUS

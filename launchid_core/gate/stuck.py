@@ -3,8 +3,8 @@
 How often neighbouring samples are equal says how coarse a channel is: its share of repeats p is learned from window to
 window, and in the window itself outside the longest run.  A run of n repeats has the chance p^n; below IMPROBABLE it is
 no accident of rounding.  That alone would refuse a coarse sensor on a quiet flight, so the neighbour must contradict
-it: theta stands still although the rate's integral moved it by STEPS of its smallest steps, the rate stands still
-although theta moved by so much more than it says, the nozzle stands still although the command moved by so much.
+it: theta stands still although the rate's integral moved it by QUANTUM_STEPS of its smallest steps, the rate stands
+still although theta moved by so much more than it says, the nozzle stands still although the command moved by so much.
 A nozzle without a logged command is not judged: it may be held; nor is a channel that never moved.
 """
 
@@ -14,13 +14,13 @@ from ..kernels import inner
 from . import ring as rb
 from .ring import BETA, BETA_CMD, THETA, THETA_DOT, T, place_of_row
 
-FEWEST = 5            # repeats: below it no sensor is called stuck
+MIN_REPEATS = 5       # repeats: below it no sensor is called stuck
 IMPROBABLE = 1.0e-12  # once in 300 years at 100 Hz
-STEPS = 3.0           # of the channel's smallest: a quantised value is off by half a step
-LEARNED = 0.1         # weight of a window's share of repeats: the last ten windows
+QUANTUM_STEPS = 3.0   # of the channel's smallest: a quantised value is off by half a step
+NEW_WEIGHT = 0.1      # weight of a window's share of repeats: the last ten windows
 N_WATCHED = 3         # theta, theta_dot, beta
 # learned (f8) of a channel: share of repeats; smallest step between neighbours, 0 before there was one
-SHARE, STEP = range(2)
+REPEAT_SHARE, SMALLEST_STEP = range(2)
 N_LEARNED = 2
 
 
@@ -52,7 +52,7 @@ def improbable(share, run):
     for _ in range(run):
         chance *= share
         if chance < IMPROBABLE:
-            return run >= FEWEST
+            return run >= MIN_REPEATS
     return False
 
 
@@ -76,18 +76,18 @@ def contradiction(ring, counts, column, first, last):
 def is_stuck(ring, counts, learned, column, stop):
     """Whether a channel stood still in the closed window; what it is like otherwise is learned.
 
-    ring (m + 1, 7), counts  in;  learned (2,) inout  SHARE, STEP;  stop  in  the sensor's end stop
+    ring (m + 1, 7), counts  in;  learned (2,) inout  REPEAT_SHARE, SMALLEST_STEP;  stop  in  the sensor's end stop
     """
     run, last, repeats, smallest = longest_run(ring, counts, column, stop)
     rows = counts[rb.CLOSED_ROWS]
     outside = (repeats - run + 1.0) / (rows - run + 1.0)
-    if learned[STEP] > 0.0 and improbable(max(outside, learned[SHARE]), run):
-        if contradiction(ring, counts, column, last - run, last) > STEPS * learned[STEP]:
+    if learned[SMALLEST_STEP] > 0.0 and improbable(max(outside, learned[REPEAT_SHARE]), run):
+        if contradiction(ring, counts, column, last - run, last) > QUANTUM_STEPS * learned[SMALLEST_STEP]:
             return True
     if rows > 1:
-        learned[SHARE] += LEARNED * (repeats / (rows - 1.0) - learned[SHARE])
+        learned[REPEAT_SHARE] += NEW_WEIGHT * (repeats / (rows - 1.0) - learned[REPEAT_SHARE])
     if np.isfinite(smallest):
-        learned[STEP] = min(smallest, learned[STEP]) if learned[STEP] > 0.0 else smallest
+        learned[SMALLEST_STEP] = min(smallest, learned[SMALLEST_STEP]) if learned[SMALLEST_STEP] > 0.0 else smallest
     return False
 
 
@@ -98,5 +98,5 @@ def stands_still(ring, counts, learned, stop_theta, stop_theta_dot, stop_beta):
     stuck = False
     for k in range(N_WATCHED):
         stuck = is_stuck(ring, counts, learned[k], THETA + k, stops[k]) or stuck
-    counts[rb.STUCK] += int(stuck)
+    counts[rb.STUCK_ROWS] += int(stuck)
     return stuck

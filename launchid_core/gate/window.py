@@ -6,15 +6,15 @@ from ..kernels import inner
 from ..status import EstimateStatus
 
 EQUATIONS = 3  # theta_dot, theta_ddot, beta_dot
-ATTITUDE = 1   # the equation that a6 and k1 live in
+THETA_REPEATS = 1  # the equation that a6 and k1 live in
 
 # number (f8) of an outcome
 O_A6, O_K1, O_A6_STD, O_K1_STD, O_CORRELATION, O_A6_DOT, O_K1_DOT, O_A6_BOUND, O_K1_BOUND, O_CONDITION, O_WHITENESS = (
     range(11))
-N_NUMBERS = 11
+N_WINDOW_NUMBERS = 11
 # flag (i8) of an outcome: an EstimateStatus, rows used, gaps inside the window
 STATUS, USED, GAPS_SEEN = range(3)
-N_FLAGS = 3
+N_WINDOW_FLAGS = 3
 
 # a window's EstimateStatus
 OK = int(EstimateStatus.OK)
@@ -29,7 +29,7 @@ SEPARATION = int(EstimateStatus.SEPARATION)
 STUCK = int(EstimateStatus.STUCK)
 
 INTERVAL = 1.96        # standard deviations of a 95 % limit
-UNKNOWN = 1.0          # relative standard deviation of both: a window says nothing of a6 and k1
+UNKNOWN_STD = 1.0      # relative standard deviation of both: a window says nothing of a6 and k1
 ONE_DIRECTION = 0.99   # |correlation| beyond which a6 and k1 are one direction
 UNKNOWN_APART = 0.3    # relative standard deviation of both, in one direction: only a combination is known
 
@@ -37,7 +37,7 @@ UNKNOWN_APART = 0.3    # relative standard deviation of both, in one direction: 
 @inner
 def knows_nothing(a6, k1):
     """Whether a window says nothing of a6 and k1, by their relative standard deviations (NaN: none)."""
-    return not (a6 <= UNKNOWN or k1 <= UNKNOWN)
+    return not (a6 <= UNKNOWN_STD or k1 <= UNKNOWN_STD)
 
 
 @inner

@@ -9,7 +9,7 @@ import numpy as np
 from ..algebra.library import centred_variables, default_own_share, term_codes
 from ..choices import SOLVERS
 from ..config import Config
-from ..filter.belief import AIR_ALPHA, AIR_BETA, AIR_T, AIR_WIND, AT_BETA, AT_THETA, NODE_A6, NODE_K1, NODE_T, NONE
+from ..filter.belief import ABSENT, AIR_ALPHA, AIR_BETA, AIR_T, AIR_WIND, AT_BETA, AT_THETA, NODE_A6, NODE_K1, NODE_T
 from ..filter.filtered import BLOCK, LEVEL_PRIOR, WIND_PRIOR
 from ..filter.states import N_CHANNELS, N_STATES
 from ..gate import ring as rb
@@ -45,7 +45,7 @@ class Memory(NamedTuple):
 
     def state_arrays(self) -> list[tuple[str, np.ndarray]]:
         """The arrays that persist between samples, by name, in the order in which they are saved."""
-        apart = [(name, self.apart[name]) for name, part, *_ in tb.APART[self.struct.name] if part == STATE]
+        apart = [(name, self.apart[name]) for name, part, *_ in tb.SEPARATE_ARRAYS[self.struct.name] if part == STATE]
         return [*me.named_arrays(self.parts.state, STATE), *apart]
 
 
@@ -79,7 +79,8 @@ def allocate(config: Config) -> Memory:
     fixed = block[FIXED]["belief"] if struct is tb.FILTERED else block[FIXED]
     for name, number in size._asdict().items():
         fixed["size"][name] = number
-    apart = {name: np.zeros(me.extents(shape, grown), kind) for name, _, kind, shape, _ in tb.APART[struct.name]}
+    apart = {name: np.zeros(me.extents(shape, grown), kind) for name, _, kind, shape,
+             _ in tb.SEPARATE_ARRAYS[struct.name]}
     memory = Memory(size, struct, block, me.carried_words(struct, block), me.members(struct, block, size), apart)
     limits = memory.parts.fixed.limits
     limits[rb.PERIOD], limits[rb.WINDOW], limits[rb.MAX_GAP] = config.sample_period, config.window, config.max_gap
@@ -139,9 +140,9 @@ def _fill_nuisances(model: Model, belief: Any, air: np.ndarray) -> None:
                                       (AIR_BETA, model.drift_t, model.drift_beta)):
             if nodes:
                 air[:, column] = np.interp(times, nodes, values)
-    belief.partner[:] = NONE
+    belief.partner[:] = ABSENT
     for k, role in enumerate(model.nuisances):
-        belief.role[k], belief.spread[k], belief.level[k] = role, model.spread(role), NONE
+        belief.role[k], belief.spread[k], belief.level[k] = role, model.spread(role), ABSENT
         if role < MISALIGNMENT and WIND_NOISES[role] in levels:
             belief.level[k] = levels.index(WIND_NOISES[role])
         if role > ATTITUDE_BIAS:
@@ -167,7 +168,7 @@ def _fill_regression(config: Config, fixed: Any) -> None:
     plan[pl.TERM_A6_DOT], plan[pl.TERM_K1_DOT] = place("tau*theta"), place("tau*beta")
     plan[pl.MEASURED] = int(config.formulation == "measured")
     plan[pl.INTEGRAL] = int(config.formulation == "integral")
-    plan[pl.HELD] = int(config.beta_held)
+    plan[pl.TERMS_HELD] = int(config.beta_held)
     fixed.threshold[:] = _thresholds(config)
     plan[pl.SPARSE] = int(any(fixed.threshold) or config.solver in ("sr3", "lasso"))
     fixed.saturation[:] = math.inf

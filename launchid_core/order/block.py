@@ -13,7 +13,7 @@ from ..filter import belief as bl
 from ..filter import filtered as fl
 from ..filter import unknown_servo as us
 from ..filter import whiteness as wh
-from ..filter.belief import A6, AT_BETA, AT_THETA, COV, K1, MEAN_A6, MEAN_K1, ONSETS, VAR_A6, VAR_K1
+from ..filter.belief import A6, AT_BETA, AT_THETA, CHANGE_BLOCKS, COV, K1, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
 from ..filter.disturbances import spread_at
 from ..filter.predictor import begins_anew
 from ..filter.states import LAST, N_STATES, RUNNING, WITHDRAWN_CHANGES
@@ -27,7 +27,7 @@ from ..regression.plan import ESTIMATE_LEVELS
 from ..watch import changes as ch
 from ..watch.changes import follow_onsets, open_onset, raise_alarm, settle_event, withdraw_events
 from ..watch.gusts import follow_gust, forget_gust, is_gust, take_gust
-from ..watch.tracker import MEMBERS, MEMORY, SLOPE_TIME, absorb, mix, restart_bank, track
+from ..watch.tracker import MEMBERS, SLOPE_TIME, TRACKER_MEMORY, absorb, mix, restart_bank, track
 from ..watch.undeclared import AGE, FOUND, NEWER, follow_undeclared, go_back
 
 NOTHING, CLOSE, SET_STEP = range(3)  # what is to be done after `gather`
@@ -78,7 +78,7 @@ def accept_gust(belief, state, factor, dt):
     take_gust(belief, state.filter, state.acc, gust)
     restart_bank(state.bank, gust.mean[a], gust.mean[k], gust.covariance[a, a], gust.covariance[a, k],
                  gust.covariance[k, k] + ch.JUMP_STD * ch.JUMP_STD)
-    state.watch.counts[ch.KEPT] = 0
+    state.watch.counts[ch.KEPT_EVENTS] = 0
     forget_blocks(state.check)
     forget_gust(gust)
     return True
@@ -113,7 +113,7 @@ def span_of(fixed, state):
 @inner
 def seal_carried(state, words, rows):
     """Seal of all that is carried from block to block."""
-    carried, count = mixed(fold_words(words)), state.acc.counts[fl.ROWS]
+    carried, count = mixed(fold_words(words)), state.acc.counts[fl.BLOCK_ROWS]
     count = min(max(count, 0), rows.shape[1])  # it may be damaged
     return seal_integer(carried, fold_rows(rows, rows.shape[0], count), 0)
 
@@ -122,9 +122,10 @@ def seal_carried(state, words, rows):
 def is_within(state, ring, rows):
     """Whether every place and count that is carried on lies within its array."""
     seen, flag, other = state.watch.counts, state.check.flag, state.undeclared.flag
-    within = 0 <= state.acc.counts[fl.ROWS] <= rows.shape[1] and state.counts[rb.WAITING] <= ring.shape[0]
-    within = within and 0 <= seen[ch.NEXT] < ONSETS and 0 <= seen[ch.KEPT] <= ONSETS and seen[ch.EVENTS] >= 0
-    within = within and 0 <= flag[wh.OLDEST] < ONSETS and 0 <= flag[wh.WAITING] <= ONSETS
+    within = 0 <= state.acc.counts[fl.BLOCK_ROWS] <= rows.shape[1] and state.counts[rb.WAITING] <= ring.shape[0]
+    within = within and 0 <= seen[ch.NEXT] < CHANGE_BLOCKS and seen[ch.EVENTS] >= 0
+    within = within and 0 <= seen[ch.KEPT_EVENTS] <= CHANGE_BLOCKS
+    within = within and 0 <= flag[wh.OLDEST] < CHANGE_BLOCKS and 0 <= flag[wh.BLOCKS_WAITING] <= CHANGE_BLOCKS
     return within and 0 <= other[NEWER] <= 1 and other[AGE] >= 0
 
 
@@ -159,7 +160,7 @@ def gather(block, ring, rows, profile, air, code):
     for back in range(counts[rb.WAITING], spare, -1):
         row = ring[(counts[rb.HEAD] - back) % ring.shape[0]]
         anew = begins_anew(belief, fil, row[rb.T], max_gap)
-        if acc.counts[fl.ROWS] > 0 and ((anew and fil.time[RUNNING] == 1.0) or fl.is_full(acc, rows)):
+        if acc.counts[fl.BLOCK_ROWS] > 0 and ((anew and fil.time[RUNNING] == 1.0) or fl.is_full(acc, rows)):
             counts[rb.WAITING] = back
             return CLOSE
         if belief.size.servo > 0:
@@ -169,11 +170,11 @@ def gather(block, ring, rows, profile, air, code):
                 return SET_STEP
         if anew:
             forget_gust(state.gust)
-        if acc.counts[fl.ROWS] == 0:
+        if acc.counts[fl.BLOCK_ROWS] == 0:
             acc.start[0] = row[rb.T]
         fl.filter_sample(belief, profile, air, fil, work.filter, acc, rows, state.check, row, max_gap)
     counts[rb.WAITING] = spare
-    return CLOSE if acc.counts[fl.ROWS] > 0 and (complete or fl.is_full(acc, rows)) else NOTHING
+    return CLOSE if acc.counts[fl.BLOCK_ROWS] > 0 and (complete or fl.is_full(acc, rows)) else NOTHING
 
 
 @kernel
@@ -208,10 +209,10 @@ def update_servo(block):
     belief, fil, acc, servo = fixed.belief, state.filter, state.acc, state.filter.servo
     us.widen_pair(belief, fil, work.acc)
     fl.reduce_pair(belief.size, work.acc)
-    if us.share_unknown(belief, fil, work.acc, acc.counts[fl.ROWS]) > us.UNSETTLED:
+    if us.share_unknown(belief, fil, work.acc, acc.counts[fl.BLOCK_ROWS]) > us.UNSETTLED:
         acc.score[:] = 0.0
         acc.information[:, :] = 0.0
-    if state.check.flag[wh.RAISED] == 1:
+    if state.check.flag[wh.WHITENESS_RAISED] == 1:
         us.fade_servo(belief.size, servo, work.acc, fl.left_after(belief.constant[bl.BLOCK_SHARE], fl.LEVEL_RELAXES))
     us.learn_servo(belief, fil, work.acc)
     us.solve_servo(belief.size, servo)
@@ -241,9 +242,9 @@ def track_block(block):
     dt, _ = span_of(fixed, state)
     open_onset(belief.size.states, watch, bank.total, state.acc.s_start, state.acc.start[0])
     triangle = work.acc.block
-    still = track(bank, work.bank, MEMORY, dt, triangle) - 0.5 * triangle[2, 2] * triangle[2, 2]
+    still = track(bank, work.bank, TRACKER_MEMORY, dt, triangle) - 0.5 * triangle[2, 2] * triangle[2, 2]
     restate_declared(belief, fil, bank, work.bank, dt)
-    newest = (watch.counts[ch.NEXT] - 1) % ONSETS
+    newest = (watch.counts[ch.NEXT] - 1) % CHANGE_BLOCKS
     return follow_gust(belief, fil, state.gust, work.gust[:], work.acc.pair, watch.before[newest], dt, still)
 
 
@@ -259,14 +260,14 @@ def detect_change(block, still):
     dt, t_end = span_of(fixed, state)
     factor, slot, kind = follow_onsets(size.states, watch, work.bank, work.acc.column[:], work.acc.pair, fil.s, dt,
                                        still)
-    if not factor > ch.THRESHOLD or state.check.flag[wh.RAISED] == 1:
+    if not factor > ch.THRESHOLD or state.check.flag[wh.WHITENESS_RAISED] == 1:
         settle_event(watch, bank.total)
-        moved = state.check.flag[wh.RAISED] == 0 and accept_gust(fixed.belief, state, factor, dt)
+        moved = state.check.flag[wh.WHITENESS_RAISED] == 0 and accept_gust(fixed.belief, state, factor, dt)
         if moved:
             restart_window(fixed, state, t_end)
         return moved
     before = watch.before[slot]
-    blocks = (watch.counts[ch.NEXT] - 1 - slot) % ONSETS + 1
+    blocks = (watch.counts[ch.NEXT] - 1 - slot) % CHANGE_BLOCKS + 1
     drop_blocks(state.check, blocks, t_end)
     raise_alarm(watch, slot, kind, factor, dt, t_end, after)
     fl.jump(fixed.belief, fil, watch.carried[slot], blocks, before[MEAN_A6], before[MEAN_K1], after[MEAN_A6],
@@ -293,7 +294,7 @@ def use_rows(block):
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     acc, fil, belief = state.acc, state.filter, fixed.belief
     fl.absorb_block(belief.size, acc, work.acc, fil.servo.about[:])
-    if state.check.flag[wh.RAISED] == 1:
+    if state.check.flag[wh.WHITENESS_RAISED] == 1:
         fl.relax_levels(belief, fil, acc)
     elif fixed.option[ESTIMATE_LEVELS] == 1:
         fl.update_levels(belief, fil, acc, work.acc)
@@ -311,8 +312,8 @@ def end_block(block):
         first = bl.FIRST_STD * bl.FIRST_STD
         restart_bank(bank, total[MEAN_A6], total[MEAN_K1], first, 0.0, first)
     if check.flag[wh.BEYOND_CHANCE] == 1:
-        fil.note[WITHDRAWN_CHANGES] += withdraw_events(state.watch, t_end - wh.FORGOTTEN)
-    acc.counts[fl.ROWS] = 0
+        fil.note[WITHDRAWN_CHANGES] += withdraw_events(state.watch, t_end - wh.LONGEST_MEMORY)
+    acc.counts[fl.BLOCK_ROWS] = 0
     fl.begin_block(fixed.belief, fil, acc)
 
 

@@ -21,8 +21,9 @@ from .memory import dtype_of
 from .table import FILTERED, Struct
 
 _numba: Any = numba
-NUMBERS = {**dict.fromkeys((*Sample._fields, "still"), _numba.float64),
-           **dict.fromkeys(("stuck", "known"), _numba.boolean)}  # of the entries' arguments; every other is an integer
+NUMBER_TYPES = {**dict.fromkeys((*Sample._fields, "still"), _numba.float64),
+                # of the entries' arguments; every other is an integer
+                **dict.fromkeys(("stuck", "known"), _numba.boolean)}
 
 FILTERED_ENTRIES = (
     onboard.push_sample, block.is_block_whole, block.gather, block.reduce_rows, block.estimate_undeclared_wind,
@@ -81,7 +82,8 @@ def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
         for entry in entries:
             if not hasattr(entry, "py_func"):  # nothing is compiled
                 continue
-            kinds = tuple(types.get(name) or NUMBERS.get(name, _numba.int64) for name in parameters_of(entry.py_func))
+            kinds = tuple(types.get(name) or NUMBER_TYPES.get(name, _numba.int64)
+                          for name in parameters_of(entry.py_func))
             if kinds not in entry.signatures:
                 entry.disable_compile(False)
                 entry.compile(kinds)

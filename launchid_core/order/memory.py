@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .table import CARRIED_FROM, I8, LARGEST, STATE, Extent, Grown, Size, Struct
+from .table import CARRIED_FROM, I8, LARGEST_SIZE, STATE, Extent, Grown, Size, Struct
 
 
 def extents(shape: tuple[Extent, ...], size: Size | Grown) -> tuple[int, ...]:
@@ -23,9 +23,10 @@ def extents(shape: tuple[Extent, ...], size: Size | Grown) -> tuple[int, ...]:
 
 @cache
 def dtype_of(struct: Struct) -> "np.dtype[Any]":
-    """The structured type of a struct, with the extents of LARGEST."""
+    """The structured type of a struct, with the extents of LARGEST_SIZE."""
     return np.dtype([(line.name, dtype_of(line.kind), ()) if isinstance(line.kind, Struct)
-                     else (line.name, line.kind, extents(line.shape, LARGEST)) for line in struct.lines], align=True)
+                     else (line.name, line.kind, extents(line.shape, LARGEST_SIZE)) for line in struct.lines],
+                     align=True)
 
 
 def carried_words(struct: Struct, block: np.ndarray) -> np.ndarray:

@@ -12,12 +12,12 @@ import numpy as np
 from ..algebra.elementary import exp_of
 from ..filter.belief import AT_BETA, AT_THETA, COV, FIRST_STD, MEAN_A6, MEAN_K1, SATURATION, VAR_A6, VAR_K1
 from ..filter.disturbances import let_offsets_wander
-from ..filter.filtered import GAPS, ROWS, SAMPLES, clear_window
+from ..filter.filtered import BLOCK_GAPS, BLOCK_ROWS, SAMPLES, clear_window
 from ..filter.fit import limit_absent, report_window, solve_window
 from ..filter.states import LAST, N_CHANNELS, RUNNING
 from ..filter.structure import PRIOR, select_terms
 from ..filter.unknown_servo import restart_servo
-from ..filter.whiteness import IN_WINDOW, RAISED, contradict, judge_window, likelihood_of_chance
+from ..filter.whiteness import IN_WINDOW, WHITENESS_RAISED, contradict, judge_window, likelihood_of_chance
 from ..gate import ring as rb
 from ..gate.guard import CARRIED, close_control, give_up, take_sample
 from ..gate.stuck import stands_still
@@ -102,9 +102,9 @@ def solve_closed(block, profile, stuck):
     acc, out, t = state.acc, state.outcome, state.filter.time[LAST]
     clear_outcome(out, OK)
     out.flag[USED] = acc.counts[SAMPLES]
-    out.flag[GAPS_SEEN] = acc.counts[GAPS]
+    out.flag[GAPS_SEEN] = acc.counts[BLOCK_GAPS]
     if acc.counts[SAMPLES] < fixed.option[LEAST_SAMPLES]:
-        out.flag[STATUS] = GAP if acc.counts[GAPS] > 0 else SHORT
+        out.flag[STATUS] = GAP if acc.counts[BLOCK_GAPS] > 0 else SHORT
     elif stuck:
         out.flag[STATUS] = STUCK
         contradict(state.check, t)
@@ -126,7 +126,7 @@ def limit_terms(block, profile):
 def begin_next_window(block):
     """Begin the next window."""
     fixed, state = block[0].fixed, block[0].state
-    state.check.flag[IN_WINDOW] = state.check.flag[RAISED]
+    state.check.flag[IN_WINDOW] = state.check.flag[WHITENESS_RAISED]
     let_offsets_wander(fixed.belief, state.filter, fixed.limits[rb.WINDOW])
     begin_window(fixed, state, state.filter.time[LAST])
     state.counts[rb.ESTIMATES] = 1
@@ -147,7 +147,7 @@ def close_window(size, block, ring, profile):
 def abandon_window(block):
     """The clock was set back: the window is given up and the next one begins."""
     fixed, state = block[0].fixed, block[0].state
-    state.acc.counts[ROWS] = 0
+    state.acc.counts[BLOCK_ROWS] = 0
     state.filter.time[RUNNING] = 0.0
     clear_window(fixed.belief.size, state.acc)
 
@@ -156,7 +156,7 @@ def abandon_window(block):
 def follow_range(block, sigma, code):
     """The uncertainty level after a block, and after a window."""
     fixed, state = block[0].fixed, block[0].state
-    if state.check.flag[RAISED] == 0:
+    if state.check.flag[WHITENESS_RAISED] == 0:
         total, watch, clock = state.bank.total, state.watch, state.clock
         watch_range(sigma, state.gauge, total, state.filter.time[LAST], clock[rb.T_FIRST], watch.counts, watch.event)
         if code == rb.WINDOW_COMPLETE:
@@ -266,7 +266,7 @@ def report_now(block, profile, air):
     counts, clock = state.counts, state.clock
     is_later = counts[rb.ROWS] > counts[rb.CLOSED_BACK]
     t = clock[rb.T_LAST] if is_later else clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
-    contradicted = state.check.flag[RAISED] == 1
+    contradicted = state.check.flag[WHITENESS_RAISED] == 1
     report_tracked(profile, state.bank.total, contradicted, t, rep)
     report_air(fixed.belief, air, state.filter, state.bank.total, contradicted, rep)
     report_servo(fixed.belief, state.filter, contradicted, rep)

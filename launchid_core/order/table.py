@@ -5,8 +5,8 @@ un-jitted kernels see (`members`), what persists, what is sealed, what is saved,
 
 Shapes are fixed maxima, as flight software has them, so that no choice of a user makes a kernel compile again; how much
 of an array is in use stands in `Size`; of what is sealed the rest stays zero.  What grows with the window, the sample
-rate or a profile's nodes stands apart, in arrays of its own (`APART`).  In a saved state and in C every array has the
-extents in use alone.
+rate or a profile's nodes stands apart, in arrays of its own (`SEPARATE_ARRAYS`).  In a saved state and in C every
+array has the extents in use alone.
 """
 
 from dataclasses import dataclass
@@ -16,20 +16,20 @@ import numpy as np
 
 from ..algebra.library import CODE_LENGTH, MAX_TERMS, N_VARIABLES
 from ..filter import whiteness as wh
-from ..filter.belief import N_AIR, N_BELIEF, N_CONSTANTS, N_NODE, ONSETS
+from ..filter.belief import CHANGE_BLOCKS, N_AIR, N_BELIEF, N_CONSTANTS, N_NODE
 from ..filter.servo import N_STEP
 from ..filter.states import MAX_DELAY_SAMPLES, N_CHANNELS, N_NOTES, N_STATES, N_TESTS, N_TIME
 from ..filter.unknown_servo import N_SERVO
 from ..gate import ring as rb
 from ..gate.stuck import N_LEARNED, N_WATCHED
-from ..gate.window import EQUATIONS, N_FLAGS, N_NUMBERS
+from ..gate.window import EQUATIONS, N_WINDOW_FLAGS, N_WINDOW_NUMBERS
 from ..model import MAX_LEVELS, MAX_NUISANCES, N_OFFSETS
 from ..regression.plan import N_MARKS, N_OPTIONS, N_PLAN, N_SERIES, N_THRESHOLDS, PAIR
 from ..watch import changes as ch
 from ..watch import report as rp
 from ..watch import undeclared as un
 from ..watch.tracker import MEMBERS
-from ..watch.uncertainty import N_FLAGS as N_GAUGE_FLAGS
+from ..watch.uncertainty import N_UNCERTAINTY_FLAGS as N_GAUGE_FLAGS
 from ..watch.uncertainty import OUT
 
 F8, I8 = np.dtype(np.float64), np.dtype(np.int64)
@@ -67,12 +67,12 @@ def size_of(terms: int, nuisances: int = 0, levels: int = 0, servo: int = 0, **f
     responses = servo + 1 if servo else 0
     return Size(terms, states, nuisances, levels, servo, responses, sensitivities,
                 columns=sensitivities + 1, pair=states + 3, wider=terms + EQUATIONS + PAIR, learned=terms + 1,
-                gust=states + 2 if nuisances else 0, undeclared=un.SIZE if is_known else 0,
+                gust=states + 2 if nuisances else 0, undeclared=un.UNDECLARED_SIZE if is_known else 0,
                 **(dict.fromkeys(("integral", "solver", "by_share", "structured", "ranged"), 0) | flags))
 
 
 # the extents of every record
-LARGEST = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS, N_SERVO)._replace(undeclared=un.SIZE)
+LARGEST_SIZE = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS, N_SERVO)._replace(undeclared=un.UNDECLARED_SIZE)
 
 
 class Grown(NamedTuple):
@@ -123,14 +123,14 @@ SIZE = struct("Size", "How much of the memory is in use.", *((name, I8) for name
 
 OUTCOME = struct(
     "Outcome", "Result of the last window.",
-    ("number", F8, (N_NUMBERS,), "a6, k1 and what is known of them"),
-    ("flag", I8, (N_FLAGS,), "EstimateStatus, rows used, gaps"),
+    ("number", F8, (N_WINDOW_NUMBERS,), "a6, k1 and what is known of them"),
+    ("flag", I8, (N_WINDOW_FLAGS,), "EstimateStatus, rows used, gaps"),
     ("xi", F8, ("terms", EQUATIONS), "coefficients"),
     ("support", I8, ("terms", EQUATIONS), "1: active"),
     ("std", F8, ("terms",), "standard deviation of a term of theta_ddot that is active; NaN for those that are not"),
     ("absent", F8, ("terms",), "95 % limit of a term of theta_ddot that is not active; NaN for those that are"))
 
-SPARSE = struct(
+SPARSE_WORK = struct(
     "SparseWork", "Scratch of the solvers for q terms.",
     ("rows", F8, ((4, "terms", "terms"),), "factor of the active columns, as `sparse` has it"),
     ("order", I8, ("terms",), "terms of its diagonal, behind them those that left"),
@@ -184,7 +184,7 @@ REGRESSION_WORK = struct(
     ("xi", F8, ("terms",), "coefficients of one equation"),
     ("active", I8, ("terms",), "its support"),
     ("whole", WHOLE),
-    ("sparse", SPARSE),
+    ("sparse", SPARSE_WORK),
     ("drift_order", I8, (PAIR,), "pivots of what the drifts add to the active terms"),
     ("drift_tau", F8, (PAIR,), "its Householder factors"),
     ("drift_norms", F8, (PAIR,), "norms of the drifts"),
@@ -219,7 +219,7 @@ UNKNOWN_SERVO = struct(
     ("number", F8, ("responses",), "the same as frequency [rad/s], damping, delay [s]; the next time step [s]"),
     ("response", F8, ("responses", N_STATES, N_STATES), "of a step, and its derivatives"))
 
-FILTER = struct(
+FILTER_STATE = struct(
     "Filter", "State of the predictor.",
     ("x", F8, ("states",), "predicted state"),
     ("p", F8, ("states", "states"), "its covariance"),
@@ -303,17 +303,17 @@ BANK_WORK = struct(
 
 WATCH = struct(
     "Watch", "State of the detector of sudden changes.",
-    ("mean", F8, (ONSETS, 2, 2), "deviations by onset, kind, parameter"),
-    ("covariance", F8, (2 * ONSETS, 2, 2), "of these, by onset and kind"),
-    ("factor", F8, (ONSETS, 2), "log Bayes factors"),
-    ("before", F8, (ONSETS, N_BELIEF), "tracked belief before each onset"),
-    ("start", F8, (ONSETS,), "of each [s]"),
-    ("carried", F8, (ONSETS, "states", 2), "sensitivities at each onset, carried to the current block's start"),
+    ("mean", F8, (CHANGE_BLOCKS, 2, 2), "deviations by onset, kind, parameter"),
+    ("covariance", F8, (2 * CHANGE_BLOCKS, 2, 2), "of these, by onset and kind"),
+    ("factor", F8, (CHANGE_BLOCKS, 2), "log Bayes factors"),
+    ("before", F8, (CHANGE_BLOCKS, N_BELIEF), "tracked belief before each onset"),
+    ("start", F8, (CHANGE_BLOCKS,), "of each [s]"),
+    ("carried", F8, (CHANGE_BLOCKS, "states", 2), "sensitivities at each onset, carried to the current block's start"),
     ("counts", I8, (ch.N_COUNTS,), "NEXT, KEPT, EVENTS, SINCE"),
     ("event", F8, (ch.MAX_EVENTS, ch.N_EVENT), "alarms, the newest over the oldest"),
     ("reference", F8, (N_BELIEF,), "belief before the last change"))
 
-GUST = struct(
+GUST_STATE = struct(
     "Gust", "State of the hypothesis that wind begins anew.",
     ("mean", F8, ("gust",), "error of the filter's state at the block's start, deviations of a6 and k1"),
     ("covariance", F8, ("gust", "gust"), "of these"),
@@ -324,11 +324,11 @@ CHECK = struct(
     ("mean", F8, (N_CHANNELS, 3), "of the block at hand"),
     ("seen", I8, (N_CHANNELS,), "measurements in it"),
     ("servo", F8, (N_CHANNELS, "servo"), "sums of their sensitivities for the servo"),
-    ("pending", F8, (ONSETS, N_CHANNELS), "blocks that wait"),
-    ("history", F8, (wh.LAGS, N_CHANNELS), "the last ones taken, newest first"),
-    ("sums", F8, (N_CHANNELS, wh.LAGS + 1), "fading sums of a channel and of its products by lag"),
-    ("number", F8, (wh.N_NUMBERS,), "STATISTIC and on"),
-    ("flag", I8, (wh.N_FLAGS,), "OLDEST and on"))
+    ("pending", F8, (CHANGE_BLOCKS, N_CHANNELS), "blocks that wait"),
+    ("history", F8, (wh.WHITENESS_LAGS, N_CHANNELS), "the last ones taken, newest first"),
+    ("sums", F8, (N_CHANNELS, wh.WHITENESS_LAGS + 1), "fading sums of a channel and of its products by lag"),
+    ("number", F8, (wh.N_WHITENESS_NUMBERS,), "STATISTIC and on"),
+    ("flag", I8, (wh.N_WHITENESS_FLAGS,), "OLDEST and on"))
 
 UNDECLARED = struct(
     "Undeclared", "State of the filters of wind and misalignment that nobody declared.",
@@ -337,24 +337,24 @@ UNDECLARED = struct(
     ("past", F8, (2, "undeclared"), "the first filter's mean, ONSETS blocks apart, the newer at most ONSETS old"),
     ("past_covariance", F8, (2, "undeclared", "undeclared"), "of these"),
     ("better", F8, (un.FILTERS,), "nats by which each has predicted better since it last was no better"),
-    ("number", F8, (un.N_NUMBERS,), "NOISE, LASTED"),
-    ("flag", I8, (un.N_FLAGS,), "FOUND, DOUBT, NEWER, AGE"))
+    ("number", F8, (un.N_UNDECLARED_NUMBERS,), "NOISE, LASTED"),
+    ("flag", I8, (un.N_UNDECLARED_FLAGS,), "FOUND, DOUBT, NEWER, AGE"))
 
 UNDECLARED_WORK = struct(
     "UndeclaredWork", "Its scratch.",
-    ("rows", F8, (un.ROW, "columns"), "the block's triangle, column by column"),
-    ("triangle", F8, (un.ROW, un.ROW), "of a6, k1, acceleration, right-hand side"),
-    ("row", F8, (un.SIZE,), "of a measurement"),
-    ("column", F8, (un.SIZE,), "covariance that it shows"))
+    ("rows", F8, (un.N_BLOCK_COLUMNS, "columns"), "the block's triangle, column by column"),
+    ("triangle", F8, (un.N_BLOCK_COLUMNS, un.N_BLOCK_COLUMNS), "of a6, k1, acceleration, right-hand side"),
+    ("row", F8, (un.UNDECLARED_SIZE,), "of a measurement"),
+    ("column", F8, (un.UNDECLARED_SIZE,), "covariance that it shows"))
 
-LEARNED = struct(
+LEARNER = struct(
     "Learner", "Structure over many windows: what persists.",
     ("r", F8, ("learned", "learned"), "square-root information, right-hand side last"))
 
 LEARNING = struct(
     "Learning", "Its scratch.",
     ("held", I8, ("terms",), "terms that were active before"),
-    ("sparse", SPARSE))
+    ("sparse", SPARSE_WORK))
 
 GAUGE = struct(
     "Gauge", "State of the uncertainty level; rows and pairs are (a6, k1).",
@@ -390,16 +390,16 @@ FILTERED_FIXED = struct(
 FILTERED_STATE = struct(
     "State", "What persists between samples.",
     *GATE,
-    ("filter", FILTER),
+    ("filter", FILTER_STATE),
     ("acc", ACCUMULATOR),
     ("bank", BANK),
     ("watch", WATCH),
-    ("gust", GUST),
+    ("gust", GUST_STATE),
     ("check", CHECK),
     ("undeclared", UNDECLARED),
     ("active", I8, ("terms",), "1 for the terms believed to be there"),
     ("repeats", F8, (N_WATCHED, N_LEARNED), "learned of theta, theta_dot, beta: share of repeats, smallest step"),
-    ("learner", LEARNED),
+    ("learner", LEARNER),
     ("gauge", GAUGE))
 
 FILTERED_WORK = struct(
@@ -421,7 +421,7 @@ FILTERED = struct("Filtered", "An estimator of the filtered formulation.",
 GATE_APART = (
     ("ring", STATE, F8, ("held", rb.N_COLUMNS), "the newest samples"),
     ("seals", STATE, I8, ("held",), "of its rows"))
-APART: dict[str, tuple[tuple[str, str, "np.dtype[Any]", tuple[Extent, ...], str], ...]] = {
+SEPARATE_ARRAYS: dict[str, tuple[tuple[str, str, "np.dtype[Any]", tuple[Extent, ...], str], ...]] = {
     "Regression": (
         *GATE_APART,
         ("rows", WORK, F8, (N_SERIES, "window"), "a window's close, as `plan` names them"),

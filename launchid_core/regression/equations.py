@@ -14,9 +14,9 @@ from ..gate.window import knows_nothing, knows_one_direction
 from ..kernels import inner
 from .plan import OWN_SHARE, PAIR, RAW, TERM_A6, TERM_A6_DOT, is_active
 
-ORDER = (0, 2, wn.ATTITUDE)  # of the equations: the last one's factor stays, for its standard deviations
+EQUATION_ORDER = (0, 2, wn.THETA_REPEATS)  # of the equations: the last one's factor stays, for its standard deviations
 RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
-RATE = 1                  # theta_dot, as the argument of a term's function
+RATE_ARGUMENT = 1         # theta_dot, as the argument of a term's function
 
 
 @inner
@@ -51,7 +51,7 @@ def judge_separation(number):
 def is_driven(plan, codes, active):
     """Whether any active term of theta_ddot is one in theta or beta.  codes (q, 6), active (q,)  in"""
     for j in range(codes.shape[0]):
-        if codes[j, 0] > 0 or codes[j, 2] > 0 or (codes[j, 4] > 0 and codes[j, 5] != RATE):
+        if codes[j, 0] > 0 or codes[j, 2] > 0 or (codes[j, 4] > 0 and codes[j, 5] != RATE_ARGUMENT):
             if is_active(plan, active, j):
                 return True
     return False
@@ -80,14 +80,14 @@ def factor_library(fixed, state, work, at, pieces):
 @inner
 def keep_equation(fixed, work, out, e, is_solved):
     """The coefficients of equation e into the outcome; returns OK, RANK or NUMERICS."""
-    if not is_solved and e == wn.ATTITUDE:
+    if not is_solved and e == wn.THETA_REPEATS:
         return wn.RANK
     for j in range(fixed.size.terms):
         if is_solved and not np.isfinite(work.xi[j]):
             return wn.NUMERICS
         out.xi[j, e] = work.xi[j] if is_solved else np.nan
         out.support[j, e] = int(is_solved and is_active(fixed.plan, work.active[:], j))
-    if e == wn.ATTITUDE:
+    if e == wn.THETA_REPEATS:
         for p in range(PAIR):
             out.number[wn.O_A6 + p] = coefficient(work, fixed.plan[TERM_A6 + p])
             out.number[wn.O_A6_DOT + p] = coefficient(work, fixed.plan[TERM_A6_DOT + p])
@@ -100,9 +100,9 @@ def choose_by_threshold(fixed, work, out, columns, count):
     q, status = fixed.size.terms, wn.OK
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            y = columns[(q + ORDER[k]) * count:(q + ORDER[k]) * count + q]
+            y = columns[(q + EQUATION_ORDER[k]) * count:(q + EQUATION_ORDER[k]) * count + q]
             passes = solve_stls(q, work.whole, y, fixed.threshold[RAW], work.xi[:], work.active[:], work.sparse)
-            status = wn.RANK if passes < 0 else keep_equation(fixed, work, out, ORDER[k], True)
+            status = wn.RANK if passes < 0 else keep_equation(fixed, work, out, EQUATION_ORDER[k], True)
     return status
 
 
@@ -112,9 +112,9 @@ def choose_stepwise(fixed, work, out, columns, count):
     q, status = fixed.size.terms, wn.OK
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            y = columns[(q + ORDER[k]) * count:(q + ORDER[k]) * count + q]
+            y = columns[(q + EQUATION_ORDER[k]) * count:(q + EQUATION_ORDER[k]) * count + q]
             passes = solve_ssr(q, work.whole, y, fixed.threshold[RAW], work.xi[:], work.active[:], work.sparse)
-            status = wn.RANK if passes < 0 else keep_equation(fixed, work, out, ORDER[k], True)
+            status = wn.RANK if passes < 0 else keep_equation(fixed, work, out, EQUATION_ORDER[k], True)
     return status
 
 
@@ -124,10 +124,10 @@ def choose_by_share(fixed, work, out, columns, count):
     q, status = fixed.size.terms, wn.OK
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
+            y = columns[(q + EQUATION_ORDER[k]) * count:(q + EQUATION_ORDER[k] + 1) * count]
             needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
             passes = solve_own(q, work.whole, y, needed, work.xi[:], work.active[:], work.sparse)
-            status = wn.RANK if passes < 0 else keep_equation(fixed, work, out, ORDER[k], True)
+            status = wn.RANK if passes < 0 else keep_equation(fixed, work, out, EQUATION_ORDER[k], True)
     return status
 
 
@@ -137,11 +137,11 @@ def choose_by_lasso(fixed, work, out, columns, count):
     q, threshold, status = fixed.size.terms, fixed.threshold[RAW], wn.OK
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
+            y = columns[(q + EQUATION_ORDER[k]) * count:(q + EQUATION_ORDER[k] + 1) * count]
             needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
             passes = solve_lasso(q, work.mt[:], work.whole, y, threshold, needed, work.xi[:], work.active[:],
                                  work.sparse)
-            status = keep_equation(fixed, work, out, ORDER[k], passes > 0)
+            status = keep_equation(fixed, work, out, EQUATION_ORDER[k], passes > 0)
     return status
 
 
@@ -151,8 +151,8 @@ def choose_relaxed(fixed, work, out, columns, count):
     q, threshold, status = fixed.size.terms, fixed.threshold[RAW], wn.OK
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            y = columns[(q + ORDER[k]) * count:(q + ORDER[k] + 1) * count]
+            y = columns[(q + EQUATION_ORDER[k]) * count:(q + EQUATION_ORDER[k] + 1) * count]
             needed = fixed.threshold[OWN_SHARE] * dot(y, y, 0, count)
             passes = solve_sr3(q, work.mt[:], work.whole, y, threshold, needed, work.xi[:], work.active[:], work.sparse)
-            status = keep_equation(fixed, work, out, ORDER[k], passes > 0)
+            status = keep_equation(fixed, work, out, EQUATION_ORDER[k], passes > 0)
     return status

@@ -3,7 +3,7 @@
 from ..kernels import inner
 
 # plan (i8) of a regression
-KEEP, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, INTEGRAL, HELD, ENOUGH, SPARSE = range(10)
+KEEP, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, INTEGRAL, TERMS_HELD, ENOUGH, SPARSE = range(10)
 N_PLAN = 10
 # threshold (f8) of a regression: what a term must exceed to stay
 RAW, OWN_SHARE = range(2)
@@ -15,12 +15,12 @@ N_OPTIONS = 2
 PAIR = 2  # a6 and k1, and their drifts tau*theta and tau*beta: neighbours in `plan` and in an outcome's numbers
 
 # rows (N_SERIES, m) of a window's close: the ring's columns, and behind them
-SLOPE = 7     # 3: derivatives of theta, theta_dot, beta
+SLOPE_COLUMN = 7  # 3: derivatives of theta, theta_dot, beta
 STATES = 10   # 4: theta, theta_dot, beta, tau
 STANDARD = 14  # 4: the same, standardised
 WEIGHT = 18   # 4: of the rows around a step in the integral over it
-HALF = 22     # scratch of the integrals
-ERROR = 23    # by how much the numerical derivative or integral of a row may be off
+HALF_INTEGRAL = 22  # scratch of the integrals
+ROW_ERROR = 23  # by how much the numerical derivative or integral of a row may be off
 VALUE = 24    # a library column at every row
 N_SERIES = 25
 # marks (N_MARKS, m) int64: gap-free piece; 1 where the row may be used; rows kept

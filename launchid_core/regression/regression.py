@@ -21,7 +21,7 @@ from ..gate.window import EQUATIONS, GAP, GAPS_SEEN, LOW_INFORMATION, OK, SATURA
 from ..kernels import inner, kernel
 from . import equations as eq
 from . import rows as rw
-from .plan import ENOUGH, HELD, INTEGRAL, KEEP, KEPT, MEASURED, PAIR, SEGMENT, SLOPE, USABLE
+from .plan import ENOUGH, INTEGRAL, KEEP, KEPT, MEASURED, PAIR, SEGMENT, SLOPE_COLUMN, TERMS_HELD, USABLE
 from .residual import drift_integral, drift_pointwise, report_attitude
 
 # ---- a sample
@@ -77,7 +77,8 @@ def take_window(fixed, state, ring, seals, words, rows, marks):
     if plan[INTEGRAL] == 0:
         rw.fill_slopes(rows, marks, n, plan[MEASURED])
     for i in range(n):
-        x = rows[THETA_DOT, i] if plan[INTEGRAL] == 1 else rows[SLOPE, i] + rows[SLOPE + 1, i] + rows[SLOPE + 2, i]
+        x = rows[THETA_DOT, i] if plan[INTEGRAL] == 1 else rows[SLOPE_COLUMN, i] + rows[SLOPE_COLUMN + 1,
+                                                                                        i] + rows[SLOPE_COLUMN + 2, i]
         marks[USABLE, i] = int(np.isfinite(x))
     kept = choose_rows(marks[USABLE], n, plan[KEEP], state.random, marks[KEPT])
     still = stands_still(ring, counts, state.repeats, stop[THETA], stop[THETA_DOT], stop[BETA])
@@ -111,7 +112,7 @@ def open_integral(block, words, ring, seals, rows, marks, columns):
     code, status, n, kept, gaps = take_window(fixed, state, ring, seals, words, rows, marks)
     pieces = 0
     if status == OK and code == rb.WINDOW_COMPLETE:
-        q, t_centre, held = fixed.size.terms, rb.centre_of(fixed, state), fixed.plan[HELD]
+        q, t_centre, held = fixed.size.terms, rb.centre_of(fixed, state), fixed.plan[TERMS_HELD]
         rw.fill_states(rows, n, t_centre)
         rw.standardise(work, rows, marks, fixed.centred, kept, n)
         at = columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept))

@@ -31,9 +31,22 @@ from ..algebra.lanes import divide, dot, multiply, subtract, weigh
 from ..algebra.linsolve import EPS, apply_q_transposed, qr_factor, rotate, scale_columns, solve_triangle
 from ..algebra.sparse import ACTIVE_TOLERANCE
 from ..gate.ring import ATTACK, BETA, T
-from ..gate.window import ATTITUDE, EQUATIONS, INTERVAL, O_A6_STD, O_CORRELATION
+from ..gate.window import EQUATIONS, INTERVAL, O_A6_STD, O_CORRELATION, THETA_REPEATS
 from ..kernels import inner
-from .plan import ERROR, HALF, HELD, INTEGRAL, KEPT, PAIR, SPARSE, TERM_A6, TERM_A6_DOT, VALUE, is_active, number_active
+from .plan import (
+    HALF_INTEGRAL,
+    INTEGRAL,
+    KEPT,
+    PAIR,
+    ROW_ERROR,
+    SPARSE,
+    TERM_A6,
+    TERM_A6_DOT,
+    TERMS_HELD,
+    VALUE,
+    is_active,
+    number_active,
+)
 from .rows import integral_error, integrate
 
 STEADIEST = 0.97     # largest autoregression believed: beyond, L would be the whole window and S = 0
@@ -101,9 +114,9 @@ def drift_integral(rows, marks, drift, n, count, t_centre, held):
     for d in range(PAIR):
         for i in range(n):
             rows[VALUE, i] = (rows[T, i] - t_centre) * rows[ATTACK if d == 0 else BETA, i]
-        integrate(rows, marks, n, rows[VALUE], rows[HALF], d == 1 and held == 1)
+        integrate(rows, marks, n, rows[VALUE], rows[HALF_INTEGRAL], d == 1 and held == 1)
         for r in range(count):
-            drift[d, r] = rows[HALF, marks[KEPT, r]]
+            drift[d, r] = rows[HALF_INTEGRAL, marks[KEPT, r]]
 
 
 @inner
@@ -227,7 +240,7 @@ def weigh_influences(plan, q, work, rows, marks, series):
         if is_active(plan, work.active[:], j):
             influence, off = series[2 + j], 0.0
             for r in range(count):
-                off += influence[r] * rows[ERROR, marks[KEPT, r]]
+                off += influence[r] * rows[ROW_ERROR, marks[KEPT, r]]
             rounding = EPS * largest
             work.numeric[j] = off * off + rounding * rounding * dot(influence, influence, 0, count)
             multiply(influence, series[0], 0, count)
@@ -272,7 +285,7 @@ def report_attitude(plan, codes, work, out, rows, marks, at, series, n, free):
     series (2 + q, count)  scratch;  n  rows of the window;  free  rows kept less what the pieces' means took
     """
     q, count = codes.shape[0], at.shape[1]
-    y, drift = at[q + ATTITUDE], at[q + EQUATIONS:].reshape((PAIR * count,))
+    y, drift = at[q + THETA_REPEATS], at[q + EQUATIONS:].reshape((PAIR * count,))
     size = number_active(plan, work.active[:], q)
     known = plan[SPARSE] == 1 and free > size + 1
     drifts = factor_drifts(plan, q, size, work, drift, count, free)
@@ -280,7 +293,7 @@ def report_attitude(plan, codes, work, out, rows, marks, at, series, n, free):
     turn_back(plan, at, q, size, work, drift, series, drifts)
     if size > 0:
         if plan[INTEGRAL] == 1:
-            integral_error(codes, work, rows, marks, n, work.xi, plan[HELD])
+            integral_error(codes, work, rows, marks, n, work.xi, plan[TERMS_HELD])
         report_active(plan, q, work, out, rows, marks, series, free - size - drifts)
     for j in range(q):
         if not is_active(plan, work.active[:], j):

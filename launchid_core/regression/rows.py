@@ -13,28 +13,28 @@ from ..algebra.linsolve import EPS
 from ..gate.ring import ATTACK, BETA, GAMMA, THETA, THETA_DDOT, THETA_DOT, T
 from ..gate.window import EQUATIONS
 from ..kernels import inner
-from .plan import ERROR, HALF, KEPT, SEGMENT, SLOPE, STANDARD, STATES, VALUE, WEIGHT
+from .plan import HALF_INTEGRAL, KEPT, ROW_ERROR, SEGMENT, SLOPE_COLUMN, STANDARD, STATES, VALUE, WEIGHT
 
-SMOOTH = 4          # rows of a piece that has a third difference
+ROWS_OF_DIFFERENCE = 4  # rows of a piece that has a third difference
 STILL = 64.0 * EPS  # a variable that moves less than this of its size does not move
 
 
 @inner
 def fill_rate(rows, marks, n):
-    """Difference theta where theta_dot was not measured; rows[ERROR] holds what such a rate may be off, else 0."""
+    """Difference theta where theta_dot was not measured; rows[ROW_ERROR] holds what such a rate may be off, else 0."""
     missing = False
     for i in range(n):
         missing = missing or np.isnan(rows[THETA_DOT, i])
     if missing:
-        differentiate(rows[T], rows[THETA], n, marks[SEGMENT], rows[SLOPE], rows[ERROR])
+        differentiate(rows[T], rows[THETA], n, marks[SEGMENT], rows[SLOPE_COLUMN], rows[ROW_ERROR])
         for i in range(n):
             if np.isnan(rows[THETA_DOT, i]):
-                rows[THETA_DOT, i] = rows[SLOPE, i]
+                rows[THETA_DOT, i] = rows[SLOPE_COLUMN, i]
             else:
-                rows[ERROR, i] = 0.0
+                rows[ROW_ERROR, i] = 0.0
     else:
         for i in range(n):
-            rows[ERROR, i] = 0.0
+            rows[ROW_ERROR, i] = 0.0
 
 
 @inner
@@ -63,17 +63,17 @@ def fill_attack(rows, n):
 def fill_slopes(rows, marks, n, measured):
     """Derivatives of theta, theta_dot and beta at every row; theta_ddot as measured if `measured` is 1.
 
-    rows[ERROR] holds what the numerical derivative theta_ddot may be off at every row, 0 where it is measured.
+    rows[ROW_ERROR] holds what the numerical derivative theta_ddot may be off at every row, 0 where it is measured.
     """
     for i in range(n):
-        rows[SLOPE, i] = rows[THETA_DOT, i]
-        rows[SLOPE + 1, i] = rows[THETA_DDOT, i]
-    differentiate(rows[T], rows[BETA], n, marks[SEGMENT], rows[SLOPE + 2], rows[ERROR])
+        rows[SLOPE_COLUMN, i] = rows[THETA_DOT, i]
+        rows[SLOPE_COLUMN + 1, i] = rows[THETA_DDOT, i]
+    differentiate(rows[T], rows[BETA], n, marks[SEGMENT], rows[SLOPE_COLUMN + 2], rows[ROW_ERROR])
     if measured == 0:
-        differentiate(rows[T], rows[THETA_DOT], n, marks[SEGMENT], rows[SLOPE + 1], rows[ERROR])
+        differentiate(rows[T], rows[THETA_DOT], n, marks[SEGMENT], rows[SLOPE_COLUMN + 1], rows[ROW_ERROR])
     else:
         for i in range(n):
-            rows[ERROR, i] = 0.0
+            rows[ROW_ERROR, i] = 0.0
 
 
 @inner
@@ -146,7 +146,7 @@ def pointwise_rows(codes, rows, marks, phi, target, count):
         library_column(codes[j], rows[STANDARD:STANDARD + N_VARIABLES], rows[STATES + codes[j, 5]], count, phi[j])
     for e in range(EQUATIONS):
         for r in range(count):
-            target[e, r] = rows[SLOPE + e, marks[KEPT, r]]
+            target[e, r] = rows[SLOPE_COLUMN + e, marks[KEPT, r]]
 
 
 @inner
@@ -217,9 +217,9 @@ def integral_rows(codes, rows, marks, phi, target, n, count, held):
     fill_weights(rows, marks, n)
     for j in range(q):
         library_column(codes[j], rows[STANDARD:STANDARD + N_VARIABLES], rows[STATES + codes[j, 5]], n, rows[VALUE])
-        integrate(rows, marks, n, rows[VALUE], rows[HALF], is_held(codes[j], held))
+        integrate(rows, marks, n, rows[VALUE], rows[HALF_INTEGRAL], is_held(codes[j], held))
         for r in range(count):
-            phi[j, r] = rows[HALF, marks[KEPT, r]]
+            phi[j, r] = rows[HALF_INTEGRAL, marks[KEPT, r]]
     for r in range(count):
         i = marks[KEPT, r]
         target[0, r] = rows[THETA, i]
@@ -229,20 +229,20 @@ def integral_rows(codes, rows, marks, phi, target, n, count, held):
 
 @inner
 def integral_error(codes, work, rows, marks, n, xi, held):
-    """Add to rows[ERROR] by how much the running integral of the solved acceleration may be off at every row.
+    """Add to rows[ROW_ERROR] by how much the running integral of the solved acceleration may be off at every row.
 
     xi (q,) in  coefficients of the terms as they are
     The quadrature's next term with its sign, so that errors cancel here which cancel from step to step: 11/720 of a
     step's fourth difference, at the ends of a piece, where one parabola stands alone, 1/24 of its third.  0 in a piece
     of fewer than four rows.  What is held (1) is exact.
     """
-    time, f, bend = rows[T], rows[VALUE], rows[HALF]
+    time, f, bend = rows[T], rows[VALUE], rows[HALF_INTEGRAL]
     accelerations(codes, work, rows, n, xi, f, held)
     first = 0
     for end in range(1, n + 1):
         if end < n and marks[SEGMENT, end] == marks[SEGMENT, first]:
             continue
-        if end - first >= SMOOTH:
+        if end - first >= ROWS_OF_DIFFERENCE:
             for i in range(first + 1, end - 1):
                 bend[i] = f[i + 1] - 2.0 * f[i] + f[i - 1]
             running = 0.0
@@ -254,7 +254,7 @@ def integral_error(codes, work, rows, marks, n, xi, held):
                     running -= step / 24.0 * (bend[i - 1] - bend[i - 2])
                 elif first + 2 < i < end - 2:
                     running += 11.0 / 1440.0 * step * (bend[i - 2] - bend[i - 1] - bend[i] + bend[i + 1])
-                rows[ERROR, i] += running
+                rows[ROW_ERROR, i] += running
         first = end
 
 
@@ -270,9 +270,10 @@ def accelerations(codes, work, rows, n, xi, f, held):
         for k in range(q):
             share += xi[k] * work.tt[k, j]
         if share != 0.0 and not is_held(codes[j], held):
-            library_column(codes[j], rows[STANDARD:STANDARD + N_VARIABLES], rows[STATES + codes[j, 5]], n, rows[HALF])
+            library_column(codes[j], rows[STANDARD:STANDARD + N_VARIABLES], rows[STATES + codes[j, 5]], n,
+                           rows[HALF_INTEGRAL])
             for i in range(n):
-                f[i] += share * rows[HALF, i]
+                f[i] += share * rows[HALF_INTEGRAL, i]
 
 
 @inner

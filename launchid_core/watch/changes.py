@@ -20,7 +20,7 @@ import numpy as np
 
 from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import carry_columns, measure
-from ..filter.belief import A6, COV, K1, MEAN_A6, MEAN_K1, N_BELIEF, ONSETS, VAR_A6, VAR_K1
+from ..filter.belief import A6, CHANGE_BLOCKS, COV, K1, MEAN_A6, MEAN_K1, N_BELIEF, VAR_A6, VAR_K1
 from ..kernels import inner
 
 JUMP_STD = 0.4      # relative: a jump worth an alarm, one sigma
@@ -37,7 +37,7 @@ N_EVENT = 11
 OPEN, FINAL, WITHDRAWN = 0.0, 1.0, -1.0  # its stage: the size is still to settle, it is settled, or there was no change
 
 # counts (i8)
-NEXT, KEPT, EVENTS, SINCE = range(4)
+NEXT, KEPT_EVENTS, EVENTS, SINCE = range(4)
 N_COUNTS = 4
 
 
@@ -59,8 +59,8 @@ def open_onset(states, state, belief, s_start, t):
         covariance[K1, K1] = belief[VAR_K1] + jump
         state.factor[slot, kind] = 0.0
     state.start[slot] = t
-    state.counts[NEXT] = (slot + 1) % ONSETS
-    state.counts[KEPT] = min(state.counts[KEPT] + 1, ONSETS)
+    state.counts[NEXT] = (slot + 1) % CHANGE_BLOCKS
+    state.counts[KEPT_EVENTS] = min(state.counts[KEPT_EVENTS] + 1, CHANGE_BLOCKS)
     state.counts[SINCE] += 1
 
 
@@ -100,8 +100,8 @@ def follow_onsets(n, state, work, column, pair, transition, dt, still):
     dt [s];  still: log density of the block without a jump
     """
     best, best_slot, best_kind = -np.inf, 0, 0
-    for back in range(state.counts[KEPT]):
-        slot = (state.counts[NEXT] - 1 - back) % ONSETS
+    for back in range(state.counts[KEPT_EVENTS]):
+        slot = (state.counts[NEXT] - 1 - back) % CHANGE_BLOCKS
         for kind in range(2):
             state.factor[slot, kind] += follow_onset(n, state, work, slot, kind, pair, dt) - still
             if state.factor[slot, kind] > best:
@@ -114,9 +114,9 @@ def follow_onsets(n, state, work, column, pair, transition, dt, still):
 def onset_time(state, kind, best, dt):
     """Mean and std [s] of the onset, the blocks weighted by their Bayes factors, and a block's own width."""
     norm = mean = square = 0.0
-    reference = state.start[(state.counts[NEXT] - 1) % ONSETS]
-    for back in range(state.counts[KEPT]):
-        slot = (state.counts[NEXT] - 1 - back) % ONSETS
+    reference = state.start[(state.counts[NEXT] - 1) % CHANGE_BLOCKS]
+    for back in range(state.counts[KEPT_EVENTS]):
+        slot = (state.counts[NEXT] - 1 - back) % CHANGE_BLOCKS
         w = exp_of(state.factor[slot, kind] - best)
         age = state.start[slot] - reference
         norm += w
@@ -142,7 +142,7 @@ def raise_alarm(state, slot, kind, best, dt, t_now, after):
     after[VAR_A6] = before[VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
     after[COV] = before[COV]
     after[VAR_K1] = before[VAR_K1] + jump
-    state.counts[KEPT] = 0
+    state.counts[KEPT_EVENTS] = 0
     if open_event:
         last[E_KIND] = max(last[E_KIND], float(kind))
         size_event(state, last, after)
@@ -154,7 +154,7 @@ def raise_alarm(state, slot, kind, best, dt, t_now, after):
     event[E_TIME], event[E_TIME_STD], event[E_KIND], event[E_ALARM] = t_onset, t_std, kind, t_now
     size_event(state, event, after)
     state.counts[EVENTS] += 1
-    state.counts[SINCE] = (state.counts[NEXT] - slot) % ONSETS
+    state.counts[SINCE] = (state.counts[NEXT] - slot) % CHANGE_BLOCKS
 
 
 @inner

@@ -23,14 +23,14 @@ from ..filter.filtered import move_wind_level
 from ..filter.states import N_STATES
 from ..kernels import inner
 
-APART = 60.0        # s from a gust to the next after calm, in the mean
-LASTS = 3.0         # s
-CALM = -0.6931471805599453  # ln 0.5, of a wind's log level: below it the filter does not expect the declared wind
-SURE = 0.9          # probability of the gust from which on the filter takes it over
+MEAN_CALM = 60.0    # s from a gust to the next after calm, in the mean
+GUST_LASTS = 3.0    # s
+CALM_LEVEL = -0.6931471805599453  # ln 0.5, of a wind's log level: below it the filter does not expect the declared wind
+GUST_PROBABILITY = 0.9  # probability of the gust from which on the filter takes it over
 WANDER = 0.003      # relative per sqrt(s), of a6 and k1 meanwhile, as of the tracker's quick member
 
 # number (f8)
-SHARE = 0
+GUST_SHARE = 0
 
 
 @inner
@@ -38,13 +38,13 @@ def forget_gust(gust):
     """No wind has begun."""
     gust.mean[:] = 0.0
     gust.covariance[:, :] = 0.0
-    gust.number[SHARE] = 0.0
+    gust.number[GUST_SHARE] = 0.0
 
 
 @inner
 def is_unexpected(belief, fil, j):
     """Whether nuisance j is a wind whose declared level the filter does not expect."""
-    return belief.level[j] >= 0 and fil.level[belief.level[j]] < CALM
+    return belief.level[j] >= 0 and fil.level[belief.level[j]] < CALM_LEVEL
 
 
 @inner
@@ -126,15 +126,15 @@ def follow_gust(belief, fil, gust, column, pair, before, dt, still):
     if not is_calm(belief, fil):
         forget_gust(gust)
         return still
-    begins = (1.0 - gust.number[SHARE]) * (1.0 - exp_of(-dt / APART))
-    prior = begins + gust.number[SHARE] * exp_of(-dt / LASTS)
+    begins = (1.0 - gust.number[GUST_SHARE]) * (1.0 - exp_of(-dt / MEAN_CALM))
+    prior = begins + gust.number[GUST_SHARE] * exp_of(-dt / GUST_LASTS)
     mix_gust(belief.size.gust, gust, before, begins / prior)
     blow(belief, fil, gust, dt)
     windy = see_block(belief.size.gust, gust, column, pair)
     carry_gust(belief.size, gust, column, fil.s[:])
     best = max(still, windy)
     both = best + log_of((1.0 - prior) * exp_of(still - best) + prior * exp_of(windy - best))
-    gust.number[SHARE] = prior * exp_of(windy - both)
+    gust.number[GUST_SHARE] = prior * exp_of(windy - both)
     return both
 
 
@@ -143,7 +143,7 @@ def is_gust(gust, factor, dt):
     """Whether wind has begun, and explains the blocks as well as a jump: in the mixture it has paid for being rare, the
     jump, whose log Bayes factor against the mixture is `factor`, has not.  dt [s] of a block
     """
-    return gust.number[SHARE] > SURE and factor < log_of(APART / dt)
+    return gust.number[GUST_SHARE] > GUST_PROBABILITY and factor < log_of(MEAN_CALM / dt)
 
 
 @inner

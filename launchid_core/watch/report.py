@@ -29,7 +29,7 @@ from ..model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
 from . import changes as ch
 from .uncertainty import OUT, RAISED
 
-KNOWN = 0.9    # of FIRST_STD: the data have said something of a parameter
+KNOWN_SHARE = 0.9  # of FIRST_STD: the data have said something of a parameter
 
 # tracked (f8) of a report
 (TRACKED_A6, TRACKED_K1, TRACKED_A6_STD, TRACKED_K1_STD, TRACKED_CORRELATION) = range(5)
@@ -52,7 +52,7 @@ def report_tracked(profile, total, contradicted, t, rep):
     """The tracked estimate at t [s], its share on the profile there: valid once a parameter is known better than before
     the first sample, unless the innovations contradict the model."""
     rep.tracked[:] = np.nan
-    first = KNOWN * FIRST_STD
+    first = KNOWN_SHARE * FIRST_STD
     known = min(total[VAR_A6], total[VAR_K1]) < first * first and np.isfinite(total[MEAN_A6] + total[MEAN_K1])
     known = known and not contradicted
     rep.flag[IS_TRACKED] = int(known)

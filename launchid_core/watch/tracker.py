@@ -23,10 +23,10 @@ from ..kernels import inner
 STEADY = (0.0015, 0.0)     # 1.3 % in 70 s
 DRIFTING = (0.003, 0.01)   # 10 % with a period of 60 s has slopes of 0.0074, root mean square
 MEMBERS = np.array([STEADY, DRIFTING])
-WALK, SLOPE = range(2)
+TRACKER_WALK, TRACKER_SLOPE = range(2)
 MEMBER_STATES = 4
 SLOPE_TIME = 20.0          # s: a slope is forgotten over this time
-MEMORY = 30.0              # s over which the members are judged
+TRACKER_MEMORY = 30.0      # s over which the members are judged
 
 
 @inner
@@ -39,7 +39,7 @@ def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
         state.covariance[i, 0, 0], state.covariance[i, 1, 1] = v_aa, v_kk
         state.covariance[i, 0, 1], state.covariance[i, 1, 0] = v_ak, v_ak
         for k in range(2, 4):
-            state.covariance[i, k, k] = MEMBERS[i, SLOPE] * MEMBERS[i, SLOPE]
+            state.covariance[i, k, k] = MEMBERS[i, TRACKER_SLOPE] * MEMBERS[i, TRACKER_SLOPE]
     mix(state)
 
 
@@ -112,7 +112,7 @@ def track(state, work, memory, dt, block):
     best = -np.inf
     for i in range(len(MEMBERS)):
         mean, covariance = state.mean[i], state.covariance[i]
-        move(mean, covariance, MEMBER_STATES, MEMBERS[i, WALK], MEMBERS[i, SLOPE], dt)
+        move(mean, covariance, MEMBER_STATES, MEMBERS[i, TRACKER_WALK], MEMBERS[i, TRACKER_SLOPE], dt)
         density = absorb(mean, covariance, work, block[0, 0], block[0, 1], block[0, 2])
         density += absorb(mean, covariance, work, 0.0, block[1, 1], block[1, 2])
         state.evidence[i] = fade * state.evidence[i] + density

@@ -34,7 +34,7 @@ NO_BAND = -1
 
 # flag (i8)
 RAISED, KNOWN_INSIDE = range(2)
-N_FLAGS = 2
+N_UNCERTAINTY_FLAGS = 2
 
 
 @inner

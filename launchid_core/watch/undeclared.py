@@ -9,8 +9,8 @@ square of two allows (Wald's test, Trans. Am. Math. Soc. 54, 1943): then the mod
 data say otherwise; that time passes which tells nothing of them is no reason to believe it again.
 
 What begins or ends is found by a second filter, which forgets them over NEW_MEMORY: where it has predicted the blocks
-better by more than ANOTHER nats than the first (Page's test, Biometrika 41, 1954), the first goes on from it, and the
-other way round.  A sudden change of a6 or k1 frees them in the first alone, which forgets what the blocks since the
+better by more than SECOND_EVENT nats than the first (Page's test, Biometrika 41, 1954), the first goes on from it, and
+the other way round.  A sudden change of a6 or k1 frees them in the first alone, which forgets what the blocks since the
 onset told of w and d, for until it is found a loss passes for wind: so the second says whether it was not wind.
 Where blocks have contradicted the model (a sensor that stood still, a swinging mode) both know nothing of a6 and k1
 afterwards; while changes follow one another (a gust) both wait, and begin anew.  So they do as often as a sensor turns
@@ -25,28 +25,28 @@ import numpy as np
 
 from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import absorb_rows, measure
-from ..filter.belief import A6, AT_BETA, AT_THETA, FIRST_STD, K1, ONSETS, profile_at
+from ..filter.belief import A6, AT_BETA, AT_THETA, CHANGE_BLOCKS, FIRST_STD, K1, profile_at
 from ..filter.states import MOMENT_TEST, N_STATES, N_TESTS
-from ..filter.whiteness import KEEPS_CHANGING, NOTHING, quietest_share
+from ..filter.whiteness import KEEPS_CHANGING, NO_VERDICT, quietest_share
 from ..kernels import inner
-from .tracker import DRIFTING, MEMBERS, SLOPE, WALK, move
+from .tracker import DRIFTING, MEMBERS, TRACKER_SLOPE, TRACKER_WALK, move
 
-WIND, LEAN = 4, 5          # of a filter's state: a6, k1, their slopes, w, d
-SIZE = 6
+WIND_STATES, LEAN_STATE = 4, 5  # of a filter's state: a6, k1, their slopes, w, d
+UNDECLARED_SIZE = 6
 CONSTANT, NEW = 0, 1       # the filters
 FILTERS = 2
 # flags: they are there; what else contradicts the model; the newer of what is remembered; blocks taken since
 FOUND, DOUBT, NEWER, AGE = range(4)
-N_FLAGS = 4
+N_UNDECLARED_FLAGS = 4
 NOISE, LASTED = 0, 1       # highest log noise level of a sensor when what is known was begun; [s] since beyond THERE
-N_NUMBERS = 2
-ROW = 4                    # columns of a block: a6, k1, acceleration, right-hand side
+N_UNDECLARED_NUMBERS = 2
+N_BLOCK_COLUMNS = 4        # columns of a block: a6, k1, acceleration, right-hand side
 UNDECLARED_STD = 0.1       # rad
 UNDECLARED_WALK = 5.0e-6   # rad/sqrt(s)
 NEW_MEMORY = 5.0           # s
-ANOTHER = 4.0              # nats
+SECOND_EVENT = 4.0         # nats
 THERE = 20.0               # of the chi square, which true models exceeded once in 26 h (900 dispersed flights)
-PATIENCE = 2.0             # s beyond THERE: a noise level that rises as fast as it may has risen by twice RISEN
+LEVEL_PATIENCE = 2.0       # s beyond THERE: a noise level that rises as fast as it may has risen by twice RISEN
 RISEN = 0.4                # of a sensor's log noise level
 GONE = 9.0                 # below it the model may be believed again
 
@@ -56,18 +56,18 @@ def forget_places(state, f, first, last):
     """Reset places first .. last-1 of filter f's state to what was known at the beginning."""
     for i in range(first, last):
         state.mean[f, i] = 0.0
-        for j in range(SIZE):
+        for j in range(UNDECLARED_SIZE):
             state.covariance[f, i, j], state.covariance[f, j, i] = 0.0, 0.0
-        std = FIRST_STD if i <= K1 else (UNDECLARED_STD if i >= WIND else DRIFTING[SLOPE])
+        std = FIRST_STD if i <= K1 else (UNDECLARED_STD if i >= WIND_STATES else DRIFTING[TRACKER_SLOPE])
         state.covariance[f, i, i] = std * std
 
 
 @inner
 def copy_knowledge(mean, covariance, to_mean, to_covariance):
     """Copy a mean (u,) and covariance (u, u) to to_mean, to_covariance out."""
-    for i in range(SIZE):
+    for i in range(UNDECLARED_SIZE):
         to_mean[i] = mean[i]
-        for j in range(SIZE):
+        for j in range(UNDECLARED_SIZE):
             to_covariance[i, j] = covariance[i, j]
 
 
@@ -81,9 +81,9 @@ def remember(state, slot):
 def restart_undeclared(state):
     """Nothing is known."""
     for f in range(FILTERS):
-        forget_places(state, f, 0, SIZE)
+        forget_places(state, f, 0, UNDECLARED_SIZE)
         state.better[f] = 0.0
-    for k in range(N_FLAGS):
+    for k in range(N_UNDECLARED_FLAGS):
         state.flag[k] = 0
     for slot in range(2):
         remember(state, slot)
@@ -93,13 +93,13 @@ def restart_undeclared(state):
 @inner
 def free_deviations(state, f):
     """a6 and k1 have likely changed: nothing is known of them to filter f."""
-    forget_places(state, f, 0, WIND)
+    forget_places(state, f, 0, WIND_STATES)
 
 
 @inner
 def begin_block(state):
-    """Keep what was known before the block, once in ONSETS blocks."""
-    if state.flag[AGE] >= ONSETS:
+    """Keep what was known before the block, once in CHANGE_BLOCKS blocks."""
+    if state.flag[AGE] >= CHANGE_BLOCKS:
         state.flag[NEWER], state.flag[AGE] = 1 - state.flag[NEWER], 0
         remember(state, state.flag[NEWER])
     state.flag[AGE] += 1
@@ -107,7 +107,8 @@ def begin_block(state):
 
 @inner
 def go_back(state, blocks):
-    """a6 or k1 changed `blocks` (at most ONSETS) ago: the first filter knows what it knew of w and d before, and of a6
+    """a6 or k1 changed `blocks` (at most CHANGE_BLOCKS) ago: the first filter knows what it knew of w and d before,
+    and of a6
     and k1 nothing."""
     slot = state.flag[NEWER] if state.flag[AGE] >= blocks else 1 - state.flag[NEWER]
     copy_knowledge(state.past[slot], state.past_covariance[slot], state.mean[CONSTANT], state.covariance[CONSTANT])
@@ -123,7 +124,7 @@ def take_up_again(state):
     else:
         for f in range(FILTERS):
             free_deviations(state, f)
-        state.flag[DOUBT] = NOTHING
+        state.flag[DOUBT] = NO_VERDICT
 
 
 @inner
@@ -141,26 +142,28 @@ def learns_noise(state, level):
 def forget_constants(covariance, dt):
     """w and d are less known after dt [s] than before by what NEW_MEMORY forgets, but never less than at first."""
     grow = exp_of(0.5 * dt / NEW_MEMORY)
-    for k in range(WIND, SIZE):
+    for k in range(WIND_STATES, UNDECLARED_SIZE):
         if covariance[k, k] * grow * grow <= UNDECLARED_STD * UNDECLARED_STD:
-            for j in range(SIZE):
+            for j in range(UNDECLARED_SIZE):
                 covariance[k, j] *= grow
-            for j in range(SIZE):
+            for j in range(UNDECLARED_SIZE):
                 covariance[j, k] *= grow
 
 
 @inner
 def distance(mean, covariance):
     """Chi square of two by which w and d differ from none; inf if rounding has made their covariance none."""
-    w, d = mean[WIND], mean[LEAN]
-    a, b, c = covariance[WIND, WIND], covariance[WIND, LEAN], covariance[LEAN, LEAN]
+    w, d = mean[WIND_STATES], mean[LEAN_STATE]
+    a, b, c = covariance[WIND_STATES, WIND_STATES], covariance[WIND_STATES, LEAN_STATE], covariance[LEAN_STATE,
+                                                                                                    LEAN_STATE]
     determinant = a * c - b * b
     return max(c * w * w - 2.0 * b * w * d + a * d * d, 0.0) / determinant if determinant > 0.0 else np.inf
 
 
 @inner
 def reduce_moment(belief, work, triangle, share):
-    """work.triangle (ROW, ROW) out: of the block's (c, c), the columns of a6, k1, acceleration, right-hand side, as if
+    """work.triangle (N_BLOCK_COLUMNS, N_BLOCK_COLUMNS) out: of the block's (c, c), the columns of a6, k1,
+    acceleration, right-hand side, as if
     its noise were 1/share of what it is."""
     c = belief.size.columns
     first = c - 1 - N_TESTS
@@ -169,10 +172,10 @@ def reduce_moment(belief, work, triangle, share):
         work.rows[1, i] = share * triangle[i, N_STATES + belief.term[AT_BETA]]
         work.rows[2, i] = share * triangle[i, first + MOMENT_TEST]
         work.rows[3, i] = share * triangle[i, c - 1]
-    for i in range(ROW):
-        for j in range(ROW):
+    for i in range(N_BLOCK_COLUMNS):
+        for j in range(N_BLOCK_COLUMNS):
             work.triangle[i, j] = 0.0
-    absorb_rows(work.triangle[:], work.rows[:], ROW, c)
+    absorb_rows(work.triangle[:], work.rows[:], N_BLOCK_COLUMNS, c)
 
 
 @inner
@@ -188,9 +191,9 @@ def choose_filter(state, better):
     """The second filter predicted the block better by so many nats: it may be the one to go on from, or not."""
     state.better[NEW] = max(state.better[NEW] + better, 0.0)
     state.better[CONSTANT] = max(state.better[CONSTANT] - better, 0.0)
-    if state.better[NEW] > ANOTHER:
+    if state.better[NEW] > SECOND_EVENT:
         go_on_from(state, NEW)
-    elif state.better[CONSTANT] > ANOTHER:
+    elif state.better[CONSTANT] > SECOND_EVENT:
         go_on_from(state, CONSTANT)
 
 
@@ -200,8 +203,8 @@ def pace(weight):
     tracker's weights of its members.  weight (b,) in"""
     walk = slope = 0.0
     for i in range(len(MEMBERS)):
-        walk += weight[i] * MEMBERS[i, WALK] * MEMBERS[i, WALK]
-        slope += weight[i] * MEMBERS[i, SLOPE] * MEMBERS[i, SLOPE]
+        walk += weight[i] * MEMBERS[i, TRACKER_WALK] * MEMBERS[i, TRACKER_WALK]
+        slope += weight[i] * MEMBERS[i, TRACKER_SLOPE] * MEMBERS[i, TRACKER_SLOPE]
     return math.sqrt(walk), math.sqrt(slope)
 
 
@@ -215,9 +218,9 @@ def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt
     """
     if belief.size.undeclared == 0:
         return
-    if doubt != NOTHING:
+    if doubt != NO_VERDICT:
         state.flag[DOUBT] = max(state.flag[DOUBT], doubt)
-    elif state.flag[DOUBT] != NOTHING:
+    elif state.flag[DOUBT] != NO_VERDICT:
         take_up_again(state)
     if learns_noise(state, fil.level):
         restart_undeclared(state)
@@ -230,16 +233,16 @@ def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt
     better = 0.0
     for f in range(FILTERS):
         mean, covariance = state.mean[f], state.covariance[f]
-        move(mean, covariance, SIZE, walk, slope, dt)
+        move(mean, covariance, UNDECLARED_SIZE, walk, slope, dt)
         if f == NEW:
             forget_constants(covariance, dt)
-        for k in range(WIND, SIZE):
+        for k in range(WIND_STATES, UNDECLARED_SIZE):
             covariance[k, k] += UNDECLARED_WALK * UNDECLARED_WALK * dt
-        for i in range(ROW - 1):
+        for i in range(N_BLOCK_COLUMNS - 1):
             r, row = work.triangle[i], work.row[:]
             row[:] = 0.0
-            row[A6], row[K1], row[WIND], row[LEAN] = r[0], r[1], a6 * r[2], k1 * r[2]
-            e, variance = measure(mean, covariance, row, 0, SIZE, r[ROW - 1], work.column[:])
+            row[A6], row[K1], row[WIND_STATES], row[LEAN_STATE] = r[0], r[1], a6 * r[2], k1 * r[2]
+            e, variance = measure(mean, covariance, row, 0, UNDECLARED_SIZE, r[N_BLOCK_COLUMNS - 1], work.column[:])
             density = -0.5 * (log_of(variance) + e * e / variance)
             better += density if f == NEW else -density
     choose_filter(state, better)
@@ -248,7 +251,7 @@ def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt
         restart_undeclared(state)
         return
     state.number[LASTED] = state.number[LASTED] + dt if contradiction > THERE else 0.0
-    if state.number[LASTED] > PATIENCE:
+    if state.number[LASTED] > LEVEL_PATIENCE:
         state.flag[FOUND] = 1
     elif contradiction < GONE:
         state.flag[FOUND] = 0

@@ -12,7 +12,7 @@ for may run ahead of its limit (`wind_up`).
 Assumptions: nozzle, play, lag and what washes out rest at 0 before t = 0; a lag's
 output over a step of integration acts by its mean.
 
-To add an effect: its row in EFFECTS, its branch in `change`, its equation in a kernel.
+To add an effect: its row in ACTUATOR_EFFECTS, its branch in `change`, its equation in a kernel.
 """
 
 import math
@@ -26,7 +26,7 @@ PLAY, LAG, WASHOUT = range(3)  # kinds of what remembers
 LONGEST_DELAY = 10.0     # s: no attitude loop outlives a tenth of it
 WIDEST_BANDWIDTH = 10.0  # the servo must stay within what the integration step resolves
 
-EFFECTS = (
+ACTUATOR_EFFECTS = (
     Cause("actuator_delay", "actuator", (Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY),)),
     Cause("actuator_gain", "actuator", (Parameter("scale", "", neutral=1.0),)),
     Cause("actuator_bias", "actuator", (Parameter("angle", "rad", neutral=0.0),)),

@@ -17,7 +17,9 @@ from .table import CENTRE, Cause, Changes, Effect, Parameter
 
 _PLACES: dict[str, Any] = {"plant": plant, "environment": environment, "actuator": actuator, "sensor": sensor,
                            "controller": controller}
-CATALOGUE: dict[str, Cause] = {cause.name: cause for place in _PLACES.values() for cause in place.EFFECTS}
+CATALOGUE: dict[str, Cause] = {cause.name: cause for cause in (
+    *plant.PLANT_EFFECTS, *environment.ENVIRONMENT_EFFECTS, *actuator.ACTUATOR_EFFECTS, *sensor.SENSOR_EFFECTS,
+    *controller.CONTROLLER_EFFECTS)}
 _ORDER = {name: k for k, name in enumerate(CATALOGUE)}
 
 RADIANS_PER_STEP = 0.5  # Runge-Kutta 4 loses 0.02 % of an oscillation's amplitude a radian at this frequency times step

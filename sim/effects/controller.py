@@ -5,7 +5,7 @@ is issued (and logged) is the mean over the period of the command computed `dela
 earlier: a whole number of periods shifts it, a part of one mixes two neighbours.
 Before the first the command was 0.
 
-To add an effect: its row in EFFECTS, its branch in `change`.
+To add an effect: its row in CONTROLLER_EFFECTS, its branch in `change`.
 """
 
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from .actuator import LONGEST_DELAY
 from .table import Cause, Changes, Parameter
 
-EFFECTS = (
+CONTROLLER_EFFECTS = (
     Cause("controller_mismatch", "controller", (
         Parameter("kp_scale", "", neutral=1.0),
         Parameter("kd_scale", "", neutral=1.0),

@@ -10,7 +10,7 @@ and does not drift it.
 `turbulence` and `wind_walk` are chance, not functions of time: their rows stand here,
 `sim.disturbance_draws` draws them with the nominal's [wind], by the same law.
 
-To add an effect: its row in EFFECTS, its branch in `change`, its equation in a kernel.
+To add an effect: its row in ENVIRONMENT_EFFECTS, its branch in `change`, its equation in a kernel.
 """
 
 import math
@@ -19,9 +19,9 @@ from collections.abc import Mapping
 from ..vehicle.kernels import inner, kernel
 from .table import Cause, Changes, Parameter
 
-GUST, SINE, JUMP = range(3)  # kinds of what the time decides; the last is the plant's `moment_step`
+GUST_KIND, SINE_KIND, JUMP_KIND = range(3)  # kinds of what the time decides; the last is the plant's `moment_step`
 
-EFFECTS = (
+ENVIRONMENT_EFFECTS = (
     Cause("gust", "environment", (
         Parameter("angle", "rad", neutral=0.0),
         Parameter("time", "s"),
@@ -42,11 +42,11 @@ def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
     """Add the effect of this name, with these values, to what the flight's effects change."""
     match name:
         case "gust":
-            of.timed.append((GUST, p["angle"], p["time"], p["duration"]))
+            of.timed.append((GUST_KIND, p["angle"], p["time"], p["duration"]))
         case "steady_wind":
             of.steady_wind += p["angle"]
         case "periodic_disturbance":
-            of.timed.append((SINE, p["amplitude"], p["frequency"], p["phase"]))
+            of.timed.append((SINE_KIND, p["amplitude"], p["frequency"], p["phase"]))
         case "turbulence":
             of.turbulences.append((p["level"], p["time_constant"]))
         case "wind_walk":
@@ -70,15 +70,15 @@ def air(v, timed, a6, t):
     moment, begun, wind = 0.0, -0.0, -0.0
     if timed is not None:
         for each in timed:
-            if each.kind == GUST:
+            if each.kind == GUST_KIND:
                 angle = gust_angle(each.amount, each.first, each.second, t)
                 moment += a6 * angle
                 wind += angle
-            elif each.kind == JUMP and t > each.first:
+            elif each.kind == JUMP_KIND and t > each.first:
                 begun += each.amount
     moment += a6 * v.steady_wind
     if timed is not None:
         for each in timed:
-            if each.kind == SINE:
+            if each.kind == SINE_KIND:
                 moment += each.amount * math.sin(each.first * t + each.second)
     return moment, begun, wind + v.steady_wind

@@ -8,7 +8,7 @@ t = 0, and does not act back on other modes but through theta_ddot.
 Limitations: `bending` moves the sensors, not the centre of mass; `nozzle_inertia`
 turns the rigid vehicle, and does not load the servo.
 
-To add an effect: its row in EFFECTS, its branch in `change`, its equation in a kernel.
+To add an effect: its row in PLANT_EFFECTS, its branch in `change`, its equation in a kernel.
 """
 
 from collections.abc import Mapping
@@ -19,12 +19,12 @@ import numpy as np
 from launchid_core import function_value, parse_term
 
 from ..vehicle.kernels import inner
-from .environment import JUMP
+from .environment import JUMP_KIND
 from .table import CENTRE, Cause, Changes, Parameter
 
-SAME_INSTANT = 1e-9  # s: a time of the integration that near an onset is the onset
+AT_ONSET = 1e-9      # s: a time of the integration that near an onset is the onset
 
-EFFECTS = (
+PLANT_EFFECTS = (
     Cause("control_effectiveness", "plant", (Parameter("scale", "", neutral=1.0),)),
     Cause("control_loss", "plant", (
         Parameter("fraction", "", neutral=0.0, low=-1.0, high=1.0),  # below 0: thrust or arm gained
@@ -75,7 +75,7 @@ def change(of: Changes, name: str, p: Mapping[str, Any]) -> None:
             theta, theta_dot, beta, _, function, argument = parse_term(p["term"])
             of.terms.append((p["coefficient"], theta, theta_dot, beta, function, argument))
         case "moment_step":
-            of.timed.append((JUMP, p["acceleration"], p["time"] - SAME_INSTANT, 0.0))
+            of.timed.append((JUMP_KIND, p["acceleration"], p["time"] - AT_ONSET, 0.0))
         case "nozzle_inertia":
             of.nozzle_inertia += p["coefficient"]
         case "lateral_drift":

@@ -9,7 +9,7 @@ the `ideal` suite as well: its sensors are free of noise, not of these.
 Assumption: `bending` moves the place where attitude and rate are measured, so it
 comes before these.
 
-To add an effect: its row in EFFECTS, its branch in `change`, its equation in a kernel.
+To add an effect: its row in SENSOR_EFFECTS, its branch in `change`, its equation in a kernel.
 """
 
 import math
@@ -20,9 +20,9 @@ from .actuator import LONGEST_DELAY
 from .plant import deflection
 from .table import Cause, Changes, Parameter
 
-ATTITUDE, RATE = range(2)  # rows of the history
+ATTITUDE_ROW, RATE_ROW = range(2)  # rows of the history
 
-EFFECTS = (
+SENSOR_EFFECTS = (
     Cause("attitude_delay", "sensor", (Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY),)),
     Cause("attitude_bias", "sensor", (Parameter("angle", "rad", neutral=0.0),)),
     Cause("gyro_delay", "sensor", (Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY),)),
@@ -55,7 +55,7 @@ def remember(v, modes, history, i):
     if history is not None:
         if history.shape[1] > 0:
             eta, eta_dot = deflection(modes)
-            history[ATTITUDE, i], history[RATE, i] = v.theta + eta, v.theta_dot + eta_dot
+            history[ATTITUDE_ROW, i], history[RATE_ROW, i] = v.theta + eta, v.theta_dot + eta_dot
 
 
 @inner
@@ -77,7 +77,7 @@ def read(v, modes, history, i):
     theta, theta_dot = v.theta + eta, v.theta_dot + eta_dot
     if history is not None:
         if v.attitude_delay > 0.0:
-            theta = past(history[ATTITUDE], i, v.attitude_delay, v.step)
+            theta = past(history[ATTITUDE_ROW], i, v.attitude_delay, v.step)
         if v.gyro_delay > 0.0:
-            theta_dot = past(history[RATE], i, v.gyro_delay, v.step)
+            theta_dot = past(history[RATE_ROW], i, v.gyro_delay, v.step)
     return theta + v.attitude_bias, v.gyro_scale * theta_dot + v.gyro_bias

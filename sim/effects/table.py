@@ -21,9 +21,9 @@ def record(*numbers: str, counts: tuple[str, ...] = ()) -> np.dtype:
 MODE = record("bends", "stiffness", "drag", "gain", "x", "x_dot", "start", "start_dot", "total", "total_dot")
 TERM = record("coefficient", "theta", "theta_dot", "beta", "function", "argument")  # exponents; of which of the three
 TIMED = record("kind", "amount", "first", "second")  # what the time decides
-INPUT = record("kind", "value", "x")               # what remembers between command and servo
+INPUT_EFFECT = record("kind", "value", "x")        # what remembers between command and servo
 
-LARGEST = 1.0e12   # of a parameter in its unit: beyond it sums of doubles lose what they are added to
+LARGEST_PARAMETER = 1.0e12  # of a parameter in its unit: beyond it sums of doubles lose what they are added to
 CENTRE = math.inf  # s, default of a `middle`: the centre of the flight, or of the log
 
 
@@ -67,7 +67,8 @@ class Parameter:
         """Finite (or the neutral value or default itself, as an infinite rate) and in range."""
         if not math.isfinite(value):
             return value in (self.neutral, self.default)
-        return self.low <= value <= self.high and not (self.above and value == self.low) and abs(value) < LARGEST
+        return self.low <= value <= self.high and not (self.above
+                                                       and value == self.low) and abs(value) < LARGEST_PARAMETER
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,8 @@ __all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Drift", "Forecast
 
 DATA = Path(__file__).parents[1] / "data"
 BUILT_IN = ("constant", "vega_like", "greensite_cr826")  # launchers, which fly
-STANDS = ("pendulum_linear", "servo_xl330", "single_pendulum_linear", "balancing_robot", "tailsitter_roll",
-          "hobby_rocket_tvc", "aeropendulum", "sounding_rocket_roll")  # what others measured: for `diagnose`
+STAND_NOMINALS = ("pendulum_linear", "servo_xl330", "single_pendulum_linear", "balancing_robot", "tailsitter_roll",
+                  "hobby_rocket_tvc", "aeropendulum", "sounding_rocket_roll")  # what others measured: for `diagnose`
 
 
 def built_in(name: str) -> Path:
@@ -49,7 +49,7 @@ def built_in(name: str) -> Path:
 def locate(text: str) -> Path:
     """A nominal by path, or by the name of a built-in one when no such file exists."""
     path = Path(text)
-    return built_in(text) if text in BUILT_IN + STANDS and not path.exists() else path
+    return built_in(text) if text in BUILT_IN + STAND_NOMINALS and not path.exists() else path
 
 
 def wrong_feedback(nominal: Nominal) -> str:
@@ -64,6 +64,6 @@ def wrong_feedback(nominal: Nominal) -> str:
 def load_nominal(path: str | Path) -> Nominal:
     """Read and check a nominal file; InputError in one line if it cannot be used."""
     path = locate(str(path))
-    names = BUILT_IN + STANDS
+    names = BUILT_IN + STAND_NOMINALS
     wanted = did_you_mean(path.name, names, f"expected a nominal TOML file or one of {', '.join(names)}")
     return parsed(path, text_of(path, wanted))

@@ -10,8 +10,8 @@ from .table import Table
 
 ONLY_ATTITUDE, ONLY_RATE = ("kd", "derivative_time_constant"), ("ki",)  # keys of the controller's laws
 # keys of a filter by its kind; "": by its coefficients
-KINDS = {"": ("b", "a"), "notch": ("frequency", "depth_damping", "width_damping"),
-         "lowpass": ("frequency", "damping_ratio")}
+FILTER_KINDS = {"": ("b", "a"), "notch": ("frequency", "depth_damping", "width_damping"),
+                "lowpass": ("frequency", "damping_ratio")}
 
 
 def actuator_of(file: Table) -> Actuator | None:
@@ -64,9 +64,9 @@ def filter_of(file: Table, place: str, table: object, period: float) -> Section:
     if not isinstance(table, dict):
         raise file.fail(place, table, "a table with b and a, or with kind")
     kind = table.get("kind", "")
-    names = KINDS.get(kind) if isinstance(kind, str) else None
+    names = FILTER_KINDS.get(kind) if isinstance(kind, str) else None
     if names is None:
-        raise file.fail(f"{place}.kind", kind, " or ".join(f'"{word}"' for word in KINDS if word))
+        raise file.fail(f"{place}.kind", kind, " or ".join(f'"{word}"' for word in FILTER_KINDS if word))
     for key in table:
         if key not in {*names, *(["kind"] if kind else [])}:
             raise InputError(f"{file.path}: unknown key '{place}.{key}'; expected one of {', '.join(names)}")

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import InputError, UsageError
 from ..sections import Drift, Forecast, Profile, Wind
-from .profiles import DRIFT, FORECAST, VEHICLE, constant_profile
+from .profiles import DRIFT_COLUMNS, FORECAST, VEHICLE, constant_profile
 from .table import Table
 
 if TYPE_CHECKING:
@@ -75,10 +75,10 @@ def drift_of(file: Table) -> Drift | None:
     if "profile" in table:
         if len(table) > 1:
             raise InputError(f"{file.path}: [drift] has a profile and other keys; expected one or the other")
-        columns, path = file.csv("drift.profile", table["profile"], DRIFT)
+        columns, path = file.csv("drift.profile", table["profile"], DRIFT_COLUMNS)
         return Drift(path=path, **columns)
     file.keys("drift", {"z_alpha", "z_beta", "profile"}, {"z_alpha", "z_beta"})
-    z_alpha, z_beta = (np.array([file.number(f"drift.{key}", table[key])]) for key in DRIFT[1:])
+    z_alpha, z_beta = (np.array([file.number(f"drift.{key}", table[key])]) for key in DRIFT_COLUMNS[1:])
     return Drift(np.zeros(1), z_alpha, z_beta)
 
 

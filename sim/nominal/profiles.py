@@ -11,7 +11,7 @@ from ..files import reads
 from ..log_table import number, shown
 from ..sections import Profile
 
-VEHICLE, DRIFT, FORECAST = ("t", "a6", "k1"), ("t", "z_alpha", "z_beta"), ("t", "wind")  # headers
+VEHICLE, DRIFT_COLUMNS, FORECAST = ("t", "a6", "k1"), ("t", "z_alpha", "z_beta"), ("t", "wind")  # headers
 
 
 def constant_profile(a6: float, k1: float) -> Profile:

@@ -12,7 +12,7 @@ from .control import actuator_of, controller_of, guidance_of, test_input_of
 from .plant import drift_of, effects_of, uncertainty_of, vehicle_of, wind_of
 from .table import Table
 
-MOST_PARTS = 50  # of the shorter period, beyond the fewest, tried for a step that divides both
+PARTS_OF_PERIOD = 50  # of the shorter period, beyond the fewest, tried for a step that divides both
 
 
 def text_of(path: Path, expected: str = "expected a nominal TOML file") -> str:
@@ -92,7 +92,7 @@ def _whole_step(longest: float, periods: tuple[float, ...]) -> float:
     none."""
     shortest = min(periods)
     first = max(1, math.ceil(shortest / longest - 1e-9))
-    for parts in range(first, first + MOST_PARTS):
+    for parts in range(first, first + PARTS_OF_PERIOD):
         if all(_is_whole(period, shortest / parts) for period in periods):
             return longest if abs(shortest / parts / longest - 1.0) < 1e-9 else shortest / parts
     return longest

@@ -18,7 +18,7 @@ from .reader import parsed, text_of
 from .writer import Content, content_of, is_section, key_of, lines_of, literal
 
 ANEW = "# written anew: the comments of the file that it came from could not be kept"
-LINE, HEAD = re.compile(r"[^\n]*\n|[^\n]+"), re.compile(r"[^=]*=\s*")   # a line with its end; a key up to its value
+LINE, KEY_PART = re.compile(r"[^\n]*\n|[^\n]+"), re.compile(r"[^=]*=\s*")  # a line with its end; a key up to its value
 QUOTES = ('"', "'")
 
 Place = tuple[str, ...]
@@ -123,7 +123,7 @@ def statements(text: str) -> Iterator[Statement]:
         except ValueError:
             continue
         is_header = part.lstrip().startswith("[")
-        is_table = not is_header and HEAD.sub("", part, count=1).startswith("{")
+        is_table = not is_header and KEY_PART.sub("", part, count=1).startswith("{")
         place, value = _place(table, 1 if is_table else len(part))
         section = place if is_header else section
         yield Statement(part, place if is_header or not place else (*section, *place), is_header,
@@ -173,7 +173,7 @@ def _within(place: Place, outer: Place) -> bool:
 
 def _with_value(text: str, value: Any) -> str:
     """A key's statement with another value, and its comment."""
-    head = HEAD.match(text)
+    head = KEY_PART.match(text)
     assert head is not None
     for mark in re.finditer("#", text):
         try:

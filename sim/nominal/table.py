@@ -11,9 +11,9 @@ from ..errors import InputError, did_you_mean
 from ..sections import ANYWHERE, AT_REST
 from .profiles import read_columns
 
-LARGEST = 1e300  # a number beyond it is no physical quantity
-WORDS = {"law": ("attitude", "rate"), "alpha_source": ("inertial", "air"),
-         "begins": (ANYWHERE, AT_REST)}  # keys that are no numbers
+LARGEST_QUANTITY = 1e300  # a number beyond it is no physical quantity
+KEY_CHOICES = {"law": ("attitude", "rate"), "alpha_source": ("inertial", "air"),
+               "begins": (ANYWHERE, AT_REST)}  # keys that are no numbers
 POSITIVE = {"natural_frequency", "deflection_limit", "period", "step", "duration", "time_constant", "turbulence_time",
             "time_limit", "effort"}
 SIGNED = {"kp", "kd", "ki"}
@@ -48,8 +48,9 @@ class Table:
             (f" of at least {least:g}" if least is not None else "")
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not -math.inf < value < math.inf:
             raise self.fail(place, value, expected)
-        if not -LARGEST < value < LARGEST:
-            raise self.fail(place, value, expected if isinstance(value, int) else f"{expected}, below {LARGEST:g}")
+        if not -LARGEST_QUANTITY < value < LARGEST_QUANTITY:
+            raise self.fail(place, value, expected if isinstance(value, int)
+                            else f"{expected}, below {LARGEST_QUANTITY:g}")
         if (above is not None and not value > above) or (least is not None and not value >= least):
             raise self.fail(place, value, expected)
         return float(value)
@@ -67,9 +68,9 @@ class Table:
         return {key: self.value(f"{section}.{key}", key, value) for key, value in table.items()}
 
     def value(self, place: str, key: str, value: object) -> float | str:
-        if key in WORDS:
-            if not isinstance(value, str) or value not in WORDS[key]:
-                raise self.fail(place, value, " or ".join(f'"{word}"' for word in WORDS[key]))
+        if key in KEY_CHOICES:
+            if not isinstance(value, str) or value not in KEY_CHOICES[key]:
+                raise self.fail(place, value, " or ".join(f'"{word}"' for word in KEY_CHOICES[key]))
             return value
         if key in POSITIVE:
             return self.number(place, value, above=0.0)

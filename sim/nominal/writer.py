@@ -14,7 +14,7 @@ from ..errors import InputError, UsageError
 from ..files import write_text
 from ..sections import Controller, Diagnosis, Drift, Forecast, Nominal, Profile, Required
 from .control import ONLY_ATTITUDE
-from .profiles import DRIFT, FORECAST, VEHICLE, read_columns
+from .profiles import DRIFT_COLUMNS, FORECAST, VEHICLE, read_columns
 
 Content = dict[str, Any]   # keys: numbers, texts, lists of numbers, sections, lists of sections
 
@@ -39,7 +39,8 @@ def content_of(nominal: Nominal, path: str | Path) -> Content:
     if nominal.terms and len(nominal.vehicle.t) > 1:
         raise UsageError(f"nominal {nominal.name!r} has a profile and terms; a nominal file holds one or the other")
     content: Content = {"name": nominal.name, "vehicle": _vehicle(nominal, path)}
-    for section, header, part in (("uncertainty", VEHICLE, nominal.uncertainty), ("drift", DRIFT, nominal.drift)):
+    for section, header, part in (("uncertainty", VEHICLE, nominal.uncertainty),
+                                  ("drift", DRIFT_COLUMNS, nominal.drift)):
         if part is not None:
             content[section] = _profile(part, path, section, header)
     if nominal.wind is not None:

@@ -15,10 +15,10 @@ from .controller import limited
 from .kernels import asked, inner
 
 FIRST_ORDER_DAMPING = 0.5
-RESOLVED = 0.3   # rad a step, of the fastest pole: Runge-Kutta 4 is then exact to (sh)^4/120 = 7e-5 of what it moves
-MOST_PARTS = 16  # of a step, of a stiff servo at its rate limit: that begins and ends within such a part, unseen
+POLE_STEP = 0.3  # rad a step, of the fastest pole: Runge-Kutta 4 is then exact to (sh)^4/120 = 7e-5 of what it moves
+PARTS_OF_STEP = 16  # of a step, of a stiff servo at its rate limit: that begins and ends within such a part, unseen
 # of the last step of a stiff servo: the part [s] of it that was integrated at once, and what follows of that
-FREE = record("part", "xx", "xr", "rx", "rr")
+FREE_MOTION = record("part", "xx", "xr", "rx", "rr")
 
 
 @inner
@@ -49,7 +49,7 @@ def servo_flow(v, u, beta, beta_dot):
 def nozzle_stages(v, free, stages, u, h):
     """Move the nozzle over a step of h [s] under the command u [rad]; stages (4,) STAGE out: as the vehicle sees it."""
     if free is not None:
-        if v.pole * h > RESOLVED:
+        if v.pole * h > POLE_STEP:
             stiff_stages(v, free[0], stages, u, h)
             return
     beta, beta_dot, beta_sum, beta_dot_sum = v.beta, v.beta_dot, -0.0, -0.0
@@ -114,7 +114,7 @@ def servo_motion(v, free, h, u):
     """
     w, rate, parts = v.frequency, v.rate_limit, 1
     if rate < math.inf:
-        parts = math.ceil(min(max(v.pole * h / RESOLVED, 1.0), MOST_PARTS))
+        parts = math.ceil(min(max(v.pole * h / POLE_STEP, 1.0), PARTS_OF_STEP))
     part = h / parts
     if free.part != part:
         free.part = part

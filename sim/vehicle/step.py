@@ -12,7 +12,7 @@ Assumptions: small angles, one plane, wind as an angle.
 import math
 
 from ..effects import actuator, environment, plant, sensor
-from .actuator import RESOLVED, delayed_command, lag_rate, nozzle_stages, servo_flow
+from .actuator import POLE_STEP, delayed_command, lag_rate, nozzle_stages, servo_flow
 from .controller import filtered, limited, pseudo_derivative
 from .kernels import apart, inner
 
@@ -93,7 +93,7 @@ def runge_kutta_4(f, i, n, u, disturbance):
     v = f.flight[0]
     h, t = n * v.step, i * v.step
     jump = 0.0
-    if v.first_order != 0 and v.pole * h <= RESOLVED:  # its inertia turns the vehicle at once; beta_dot: before
+    if v.first_order != 0 and v.pole * h <= POLE_STEP:  # its inertia turns the vehicle at once; beta_dot: before
         jump = v.nozzle_inertia * (lag_rate(v, u, v.beta) - v.beta_dot)
     v.theta_dot += jump
     plant.begin_modes(f.modes, jump)

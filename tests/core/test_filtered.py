@@ -79,7 +79,7 @@ def test_one_step_is_the_matrix_exponential(damping):
     assert np.allclose(work.transition, whole[:4, :4], rtol=left_out, atol=1e-10)
     made = -7.0 * np.array([fil.step[sv.J2 + 2], fil.step[sv.J1 + 2]])
     assert made == pytest.approx(whole[:2, 4], rel=left_out)
-    assert fil.step[sv.REACH] == pytest.approx(whole[1, 5], rel=left_out)
+    assert fil.step[sv.ANGLE_OF_RATE] == pytest.approx(whole[1, 5], rel=left_out)
     assert fil.step[sv.FADE] == pytest.approx(math.exp(-damping * PERIOD), rel=1e-12)
 
 
@@ -124,7 +124,7 @@ def test_score_of_the_noise_levels_is_the_slope_of_a_plain_filters_likelihood():
     cut.state.filter.level[...] = levels
     for row in rows:
         take(cut, row)
-        acc.counts[fl.ROWS] = 0
+        acc.counts[fl.BLOCK_ROWS] = 0
     step = 1e-4
     slopes = [(plain_likelihood(rows, levels + step * unit) - plain_likelihood(rows, levels - step * unit)) / (2 * step)
               for unit in np.eye(5)]
@@ -145,10 +145,10 @@ def test_innovations_are_linear_in_the_parameters():
         out = []
         for row in rows:
             take(cut, row)
-            k = acc.counts[fl.ROWS]
+            k = acc.counts[fl.BLOCK_ROWS]
             h_theta, h_beta, target = (held[j, :k].copy() for j in (4, 5, len(held) - 1))
             out.append((h_theta, h_beta, target - h_theta * fil.p_bar[0] - h_beta * fil.p_bar[1]))
-            acc.counts[fl.ROWS] = 0
+            acc.counts[fl.BLOCK_ROWS] = 0
         results.append(out)
     base = np.array([np.concatenate([block[j] for block in results[0]]) for j in range(3)])
     moved = np.array([np.concatenate([block[j] for block in results[1]]) for j in range(3)])

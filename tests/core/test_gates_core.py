@@ -164,7 +164,7 @@ def test_the_last_events_leave_oldest_first():
     watch = estimator._parts.state.watch
     for k in range(ch.MAX_EVENTS + 3):
         opened(watch, 1, first=float(k))
-        _, event = alarm(watch, int(watch.counts[ch.NEXT] - 1) % ch.ONSETS, ch.K1_JUMP, float(k))
+        _, event = alarm(watch, int(watch.counts[ch.NEXT] - 1) % ch.CHANGE_BLOCKS, ch.K1_JUMP, float(k))
         assert event[ch.E_STAGE] == ch.OPEN  # also where an older one stood
         event[ch.E_STAGE] = ch.FINAL
     for _ in range(2):  # asking changes nothing

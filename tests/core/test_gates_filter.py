@@ -18,7 +18,7 @@ from launchid_core.filter import servo as sv
 from launchid_core.filter import states as sx
 from launchid_core.filter import structure as sr
 from launchid_core.filter import whiteness as wh
-from launchid_core.order.table import LARGEST
+from launchid_core.order.table import LARGEST_SIZE
 from launchid_core.watch import changes as ch
 from launchid_core.watch import report as rp
 from launchid_core.watch import tracker as tr
@@ -53,11 +53,11 @@ def parts_at(rate: float):
 
 def take(cut, t: float, theta=0.0, theta_dot=0.0, beta=0.0, beta_cmd=0.0) -> int:
     """Give the filter one sample; returns how many rows it became."""
-    state, before = cut.state, int(cut.state.acc.counts[fl.ROWS])
+    state, before = cut.state, int(cut.state.acc.counts[fl.BLOCK_ROWS])
     row = np.array([t, theta, theta_dot, beta, math.nan, beta_cmd, math.nan])
     filter_sample(cut.fixed.belief, cut.apart["profile"], cut.apart["air"], state.filter, cut.work.filter, state.acc,
                 cut.apart["rows"], state.check, row, MAX_GAP)
-    return int(state.acc.counts[fl.ROWS]) - before
+    return int(state.acc.counts[fl.BLOCK_ROWS]) - before
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +87,7 @@ def test_a_measurement_is_an_outlier_beyond_eight_sigma_of_its_innovation(channe
     limit = 8.0 * math.sqrt(0.75 + 0.25)
     for e, outlier, row, total in ((limit, False, 0, 0), (1.001 * limit, True, 1, 1), (-1.001 * limit, True, 2, 2),
                                    (-limit, False, 0, 2), (1.001 * limit, True, 1, 3)):
-        assert is_outlier(fil, channel, bl.NONE, 1.0 + e, 0.25) == outlier
+        assert is_outlier(fil, channel, bl.ABSENT, 1.0 + e, 0.25) == outlier
         assert fil.outliers[channel] == row and fil.note[sx.OUTLIERS] == total
     assert fil.outliers.sum() == 1  # the other channels' are their own
 
@@ -162,7 +162,7 @@ def test_an_unknown_command_is_the_nozzles_place_and_some_doubt():
         take(cut, 0.01, theta=math.nan, theta_dot=math.nan, beta=math.nan)
     assert unknown.state.filter.x == pytest.approx(known.state.filter.x)
     doubt = pr.UNKNOWN_COMMAND_STD**2 - known.fixed.belief.variance[3]
-    gamma = known.state.filter.step[sv.GAMMA]
+    gamma = known.state.filter.step[sv.PATH_PLACE]
     assert unknown.state.filter.p[2, 2] - known.state.filter.p[2, 2] == pytest.approx(gamma**2 * doubt)
 
 
@@ -214,13 +214,14 @@ def test_a_block_lasts_until_the_next_one_so_that_what_fades_does_so_in_seconds(
     for k, row in enumerate(noise.tolist()):
         estimator.update(Sample(k / rate, *row, beta_cmd=0.0))
     weight = 1.0 / (1.0 - math.exp(-2.0 * 0.1 / 10.0))
-    assert estimator._parts.state.check.number[wh.WEIGHT] == pytest.approx(weight, rel=1e-3)
+    assert estimator._parts.state.check.number[wh.SUM_WEIGHT] == pytest.approx(weight, rel=1e-3)
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.1, 0.5])
 def test_of_what_is_known_of_the_terms_nine_tenths_are_left_after_a_second(dt):
     """The nine tenths are of the information, the triangle's square; whatever a block lasts."""
-    learner, size, work = np.triu(np.ones((4, 4))), LARGEST._replace(terms=3, states=2, columns=6), parts().work.acc
+    learner, size, work = np.triu(np.ones((4, 4))), LARGEST_SIZE._replace(terms=3, states=2,
+                                                                          columns=6), parts().work.acc
     for _ in range(round(1.0 / dt)):
         absorb_structure(size, learner, work, dt)
     assert learner.T @ learner == pytest.approx(0.9 * np.triu(np.ones((4, 4))).T @ np.triu(np.ones((4, 4))), rel=0.002)
@@ -246,7 +247,7 @@ def test_a_block_that_raises_the_alarm_is_neither_noise_nor_structure_nor_the_wi
     estimator = flown(samples[:305], config(library="quadratic"))
     state, learner = estimator._parts.state, estimator._parts.state.learner
     level, structure = state.filter.level.copy(), learner.r.copy()
-    newest = (state.watch.counts[ch.NEXT] - 1) % ch.ONSETS
+    newest = (state.watch.counts[ch.NEXT] - 1) % ch.CHANGE_BLOCKS
     state.watch.factor[newest] = 1e3
     reseal(estimator)
     for sample in samples[305:310]:
@@ -276,7 +277,7 @@ def test_the_tracked_estimate_is_valid_once_something_is_known(share, known, pla
     estimator = Estimator(config())
     total = estimator._parts.state.bank.total
     total[:] = 0.0, 0.0, bl.FIRST_STD**2, 0.0, bl.FIRST_STD**2
-    total[place] = (share * rp.KNOWN * bl.FIRST_STD) ** 2
+    total[place] = (share * rp.KNOWN_SHARE * bl.FIRST_STD) ** 2
     assert estimator._report().flag[rp.IS_TRACKED] == known
     total[tr.MEAN_K1] = math.nan
     assert estimator._report().flag[rp.IS_TRACKED] == 0

@@ -104,22 +104,23 @@ def test_without_data_a_gust_is_as_likely_as_they_come_and_go(cut):
         density = follow_gust(cut.fixed.belief, cut.state.filter, cut.state.gust, cut.work.gust,
                               np.zeros((n + 1, n + 1)), BELIEF, 0.1, 0.0)
         assert density == pytest.approx(0.0, abs=1e-12)
-    assert cut.state.gust.number[gu.SHARE] == pytest.approx(gu.LASTS / (gu.APART + gu.LASTS), rel=0.05)
+    assert cut.state.gust.number[gu.GUST_SHARE] == pytest.approx(gu.GUST_LASTS / (gu.MEAN_CALM + gu.GUST_LASTS),
+                                                                 rel=0.05)
 
 
 def test_a_gust_that_is_taken_over_leaves_k1_open(cut):
     """The gust may have been a loss of k1: the variance of a jump is added, onsets before are no onsets any more."""
     state = cut.state
     mean, covariance = guessed(state.gust, 6)
-    state.watch.counts[ch.KEPT] = 5
-    unsure = -math.log(0.1 / gu.APART) + 0.01
+    state.watch.counts[ch.KEPT_EVENTS] = 5
+    unsure = -math.log(0.1 / gu.MEAN_CALM) + 0.01
     assert not accept_gust(cut.fixed.belief, state, -1.0, 0.1)
-    state.gust.number[gu.SHARE] = 0.95
-    assert not accept_gust(cut.fixed.belief, state, unsure, 0.1) and state.watch.counts[ch.KEPT] == 5
-    assert accept_gust(cut.fixed.belief, state, unsure - 0.02, 0.1) and state.watch.counts[ch.KEPT] == 0
+    state.gust.number[gu.GUST_SHARE] = 0.95
+    assert not accept_gust(cut.fixed.belief, state, unsure, 0.1) and state.watch.counts[ch.KEPT_EVENTS] == 5
+    assert accept_gust(cut.fixed.belief, state, unsure - 0.02, 0.1) and state.watch.counts[ch.KEPT_EVENTS] == 0
     assert state.bank.total == pytest.approx([mean[-2], mean[-1], covariance[-2, -2], covariance[-2, -1],
                                               covariance[-1, -1] + ch.JUMP_STD**2])
-    assert state.gust.number[gu.SHARE] == 0.0 and not state.gust.covariance.any()
+    assert state.gust.number[gu.GUST_SHARE] == 0.0 and not state.gust.covariance.any()
 
 
 # ---- in flight
@@ -150,8 +151,9 @@ def test_what_was_suspected_before_a_gap_is_nothing_after_it():
     one, rows = Estimator(config()), list(gusty(-0.05).samples())
     state = one._parts.state
     at = next(k for k, row in enumerate(rows)
-              if one.update(row) >= 0 and row.t > 40.0 and state.acc.counts[fl.ROWS] == state.counts[rb.WAITING] == 0
-              and 0.01 < state.gust.number[gu.SHARE] < 0.9)
+              if one.update(row) >= 0 and row.t > 40.0
+              and state.acc.counts[fl.BLOCK_ROWS] == state.counts[rb.WAITING] == 0
+              and 0.01 < state.gust.number[gu.GUST_SHARE] < 0.9)
     two = Estimator(config())
     two.restore(one.save())
     two._parts.state.gust.number[:], two._parts.state.gust.mean[:] = 0.0, 0.0

@@ -14,7 +14,7 @@ from launchid_core import Config, Estimator, Status
 from launchid_core.algebra.library import MAX_TERMS, polynomial
 from launchid_core.order import entries, memory, table
 from launchid_core.order.assembly import size_of
-from launchid_core.order.table import LARGEST, WORK
+from launchid_core.order.table import LARGEST_SIZE, WORK
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 from sim.sections import Offsets, Wind
@@ -98,8 +98,8 @@ def test_the_extents_in_use_never_exceed_the_largest():
     largest = filtered(dataclasses.replace(WINDY, actuator=UNSURE.actuator), library=polynomial(5)[:MAX_TERMS])
     for config in (largest, *CONFIGS.values()):
         for name, number in size_of(config)._asdict().items():
-            assert number <= getattr(LARGEST, name) or name in CHOICES, name
-    assert size_of(largest).terms == LARGEST.terms and size_of(largest).sensitivities == LARGEST.sensitivities
+            assert number <= getattr(LARGEST_SIZE, name) or name in CHOICES, name
+    assert size_of(largest).terms == LARGEST_SIZE.terms and size_of(largest).sensitivities == LARGEST_SIZE.sensitivities
 
 
 # ---- nothing is compiled for another configuration
@@ -142,7 +142,7 @@ def test_the_recorder_sees_what_is_compiled():
 def spoil(estimator: Estimator) -> None:
     """Every number of the scratch becomes none, every integer one that is no place."""
     held = estimator._memory
-    apart = [held.apart[name] for name, part, *_ in table.APART[held.struct.name] if part == WORK]
+    apart = [held.apart[name] for name, part, *_ in table.SEPARATE_ARRAYS[held.struct.name] if part == WORK]
     for array in (*(array for _, array in memory.named_arrays(held.parts.work)), *apart):
         array[...] = np.nan if array.dtype == np.float64 else -(2**40)
 

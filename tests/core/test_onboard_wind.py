@@ -102,10 +102,10 @@ def test_a_step_of_the_servo_is_the_matrix_exponential(calm_parts, damping):
         a[2, 3], a[3] = turned, [0.0, 0.0, -turned, -2.0 * damping * turned, turned]
         exact = linalg.expm(a)
         unit = np.array([1.0, 1.0 / w, 1.0])
-        assert_close(step[sv.PHI:sv.GAMMA].reshape(2, 2) * [[1.0, w], [1.0 / w, 1.0]], exact[2:4, 2:4])
-        assert_close(step[sv.GAMMA:sv.J1] * [1.0, 1.0 / w], exact[2:4, 4])
+        assert_close(step[sv.PHI:sv.PATH_PLACE].reshape(2, 2) * [[1.0, w], [1.0 / w, 1.0]], exact[2:4, 2:4])
+        assert_close(step[sv.PATH_PLACE:sv.J1] * [1.0, 1.0 / w], exact[2:4, 4])
         assert_close(step[sv.J1:sv.J2] / unit / PERIOD, exact[1, 2:])
-        assert_close(step[sv.J2:sv.KEEP] / unit / PERIOD**2, exact[0, 2:])
+        assert_close(step[sv.J2:sv.KEEP_PLACE] / unit / PERIOD**2, exact[0, 2:])
 
 
 @pytest.mark.parametrize("share", [0.01, 0.1, 1.0, 7.0, 50.0])
@@ -116,12 +116,12 @@ def test_a_step_of_a_first_order_servo_and_of_turbulence_is_their_exponential(ca
     constant[bl.TIME_CONSTANT], constant[bl.TURBULENCE_TIME] = t, 3.0 * t
     set_step(constant, *constant[:2], h, work, step)
     gone = -math.expm1(-share)
-    assert step[sv.STEP] == h
+    assert step[sv.STEP_PLACE] == h
     assert_close(step[sv.PHI:sv.J1], [1.0 - gone, 0.0, 0.0, 0.0, gone, 0.0], 1e-14)
     assert_close(step[sv.J1:sv.J2], [t * gone, 0.0, h - t * gone], 1e-12)
     held = t * h - t * t * gone
-    assert_close(step[sv.J2:sv.KEEP], [held, 0.0, 0.5 * h * h - held], 1e-11)
-    assert step[sv.KEEP] == pytest.approx(math.exp(-share / 3.0), rel=1e-15)
+    assert_close(step[sv.J2:sv.KEEP_PLACE], [held, 0.0, 0.5 * h * h - held], 1e-11)
+    assert step[sv.KEEP_PLACE] == pytest.approx(math.exp(-share / 3.0), rel=1e-15)
 
 
 class Plain:
@@ -202,7 +202,7 @@ def test_score_of_the_levels_in_wind_is_the_slope_of_a_plain_filters_likelihood(
     state.filter.level[...] = levels
     for row in rows:
         take(cut, row)
-        state.acc.counts[fl.ROWS] = 0
+        state.acc.counts[fl.BLOCK_ROWS] = 0
     step = 1e-4
     slopes = [(plain_likelihood(rows, levels + step * unit) - plain_likelihood(rows, levels - step * unit)) / (2 * step)
               for unit in np.eye(7)]
@@ -237,8 +237,8 @@ def test_the_filter_in_wind_is_a_plain_kalman_filter():
             plain.predict(table[k - 1, 5])
         e, s = plain.correct(row[1:4])
         take(cut, row)
-        assert state.acc.counts[fl.ROWS] == 3
-        state.acc.counts[fl.ROWS] = 0
+        assert state.acc.counts[fl.BLOCK_ROWS] == 3
+        state.acc.counts[fl.BLOCK_ROWS] = 0
         assert np.allclose(cut.apart["rows"][-1, :3], e / np.sqrt(s), rtol=1e-9, atol=1e-9)
         column = plain.p @ plain.h[2] * s[2] / plain.r[2]  # before the update: P h (1 - (S - r)/S) = P+ h
         assert np.allclose(cut.work.filter.column, column, rtol=1e-9, atol=1e-9 * np.max(np.abs(column)))
@@ -287,7 +287,7 @@ def test_a_calm_model_has_no_nuisance_and_no_wind():
                                                              "command_noise_std", "acceleration_noise_std")
     cut = cut_of(of)
     assert cut.fixed.belief.constant[bl.HELD] == cut.fixed.belief.constant[bl.AIRY] == 0.0
-    assert len(cut.state.filter.x) == 4 and cut.fixed.belief.partner.tolist() == [bl.NONE] * 3
+    assert len(cut.state.filter.x) == 4 and cut.fixed.belief.partner.tolist() == [bl.ABSENT] * 3
     zero = dataclasses.replace(CALM, wind=Wind(walk=0.0, turbulence=0.0), offsets=Offsets())
     assert config(zero).model == of.model
     estimates, _ = run(of, list(fly_whole(CALM, 0).samples())[:1100])
@@ -399,10 +399,10 @@ def test_a_disturbance_that_is_not_declared_is_the_models_fault_and_no_change():
     estimator, estimates = Estimator(config(CALM)), []
     state, raised = estimator._parts.state, 0
     for sample in flight.samples():
-        before = state.check.flag[wh.RAISED], state.watch.counts[ch.EVENTS]
+        before = state.check.flag[wh.WHITENESS_RAISED], state.watch.counts[ch.EVENTS]
         if estimator.update(sample) == Status.WINDOW_COMPLETE:
             estimates.append(estimator.estimate())
-        if before[0] == 1 and state.check.flag[wh.RAISED] == 1:
+        if before[0] == 1 and state.check.flag[wh.WHITENESS_RAISED] == 1:
             assert state.watch.counts[ch.EVENTS] == before[1]
             raised += 1
     assert raised > 6000
@@ -443,9 +443,9 @@ def blocks_fed(check, total, level, blocks, statistic):
             check.mean[c, 0] = blocks[k, c] * math.sqrt(10.0)
             check.seen[c] = 10
         wh.queue_block(check, level, total[:2], total)
-        before = check.flag[wh.RAISED]
+        before = check.flag[wh.WHITENESS_RAISED]
         wh.watch_model(check, level, 0, 0.1 * k, 0.1)
-        raised += int(check.flag[wh.RAISED] == 1 and before == 0)
+        raised += int(check.flag[wh.WHITENESS_RAISED] == 1 and before == 0)
         statistic[k] = check.number[wh.STATISTIC]
     return raised
 
@@ -479,9 +479,9 @@ def test_a_noise_level_beyond_ten_times_is_the_models_fault_but_not_the_winds():
     for k in range(7):
         for value, raised in ((0.99 * wh.HIGHEST_LEVEL, 0), (1.01 * wh.HIGHEST_LEVEL, int(k < 5)), (0.0, 0)):
             level[k] = value
-            before = check.flag[wh.RAISED]
+            before = check.flag[wh.WHITENESS_RAISED]
             assert judge_model(check, level, 0, 0.0) == (before == 1 and raised == 0)
-            assert check.flag[wh.RAISED] == raised
+            assert check.flag[wh.WHITENESS_RAISED] == raised
 
 
 def test_a_quiet_first_window_does_not_take_its_guesses_of_the_offsets_for_information():

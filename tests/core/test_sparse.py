@@ -19,7 +19,7 @@ from launchid_core.algebra.sparse import (
     SSR,
     STLS,
 )
-from launchid_core.order.table import SPARSE, WHOLE
+from launchid_core.order.table import SPARSE_WORK, WHOLE
 
 factor_whole, refit = map(unjitted, (sparse.factor_whole, sparse.refit))
 solve_stls, solve_ssr, solve_own, solve_lasso, solve_sr3 = map(unjitted, (
@@ -37,7 +37,7 @@ def solve_reduced(solver, mt, y, threshold, own=0.0):
     """(passes, xi, active, work) on a given reduced problem, columns of M as rows of mt."""
     mt, y = np.array(mt, dtype=float), np.array(y, dtype=float)
     q = y.size
-    xi, active, work = np.full(q, np.nan), np.zeros(q, dtype=bool), scratch(SPARSE, q)
+    xi, active, work = np.full(q, np.nan), np.zeros(q, dtype=bool), scratch(SPARSE_WORK, q)
     whole = scratch(WHOLE, q)
     factor_whole(q, mt, whole, work.columns)
     threshold, own, out = float(threshold), float(own), (xi, active, work)
@@ -248,7 +248,7 @@ def test_terms_leave_in_any_order(problem, data):
     a, y, _ = problem
     kept = np.array(data.draw(st.lists(st.booleans(), min_size=a.shape[1], max_size=a.shape[1])))
     q, r = np.linalg.qr(a)
-    xi, work, whole = np.full(len(r), np.nan), scratch(SPARSE, len(r)), scratch(WHOLE, len(r))
+    xi, work, whole = np.full(len(r), np.nan), scratch(SPARSE_WORK, len(r)), scratch(WHOLE, len(r))
     factor_whole(len(r), r.T.copy(), whole, work.columns)
     assert refit(len(r), whole, q.T @ y, xi, kept, work)
     wanted = np.zeros(len(r))

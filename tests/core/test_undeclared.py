@@ -74,8 +74,9 @@ def test_rows_make_the_posterior_of_least_squares(state):
     """Random rows one by one against the normal equations of all of them and the prior."""
     random = np.random.default_rng(0)
     mean, covariance = state.mean[0], state.covariance[0]
-    prior, rows, z = np.linalg.inv(covariance), random.standard_normal((20, un.SIZE)), random.standard_normal(20)
-    measured = [measure(mean, covariance, row, 0, un.SIZE, each, np.empty(un.SIZE))
+    prior, rows, z = np.linalg.inv(covariance), random.standard_normal((20,
+                                                                        un.UNDECLARED_SIZE)), random.standard_normal(20)
+    measured = [measure(mean, covariance, row, 0, un.UNDECLARED_SIZE, each, np.empty(un.UNDECLARED_SIZE))
                 for row, each in zip(rows, z, strict=True)]
     density = sum(-0.5 * (math.log(variance) + e * e / variance) for e, variance in measured)
     information = prior + rows.T @ rows
@@ -87,13 +88,13 @@ def test_rows_make_the_posterior_of_least_squares(state):
 
 def test_the_distance_is_walds(state):
     random = np.random.default_rng(1)
-    root = random.standard_normal((un.SIZE, un.SIZE))
-    mean, covariance = random.standard_normal(un.SIZE), root @ root.T
-    part, square = mean[un.WIND:], covariance[un.WIND:, un.WIND:]
+    root = random.standard_normal((un.UNDECLARED_SIZE, un.UNDECLARED_SIZE))
+    mean, covariance = random.standard_normal(un.UNDECLARED_SIZE), root @ root.T
+    part, square = mean[un.WIND_STATES:], covariance[un.WIND_STATES:, un.WIND_STATES:]
     assert distance(mean, covariance) == pytest.approx(part @ np.linalg.solve(square, part))
     covariance[4, 4] = -covariance[4, 4]
     assert distance(mean, covariance) == math.inf
-    assert distance(np.zeros(un.SIZE), np.eye(un.SIZE)) == 0.0
+    assert distance(np.zeros(un.UNDECLARED_SIZE), np.eye(un.UNDECLARED_SIZE)) == 0.0
 
 
 def test_what_hides_in_the_declared_noise_contradicts_nothing():
@@ -123,14 +124,14 @@ def test_what_is_forgotten_is_never_less_known_than_at_first(state):
 
 def test_the_filter_that_predicts_better_is_the_one_to_go_on_from(state):
     state.mean[un.CONSTANT, 4], state.mean[un.NEW, 4] = 0.0, 0.02
-    choose_filter(state, 0.99 * un.ANOTHER)
-    choose_filter(state, -0.5 * un.ANOTHER)  # it was no better, for once
-    choose_filter(state, 0.49 * un.ANOTHER)
+    choose_filter(state, 0.99 * un.SECOND_EVENT)
+    choose_filter(state, -0.5 * un.SECOND_EVENT)  # it was no better, for once
+    choose_filter(state, 0.49 * un.SECOND_EVENT)
     assert state.mean[un.CONSTANT, 4] == 0.0
     choose_filter(state, -100.0)  # a block against it: the other way round
     assert state.mean[un.NEW, 4] == 0.0
     state.mean[un.NEW, 4] = 0.02
-    choose_filter(state, 1.01 * un.ANOTHER)
+    choose_filter(state, 1.01 * un.SECOND_EVENT)
     assert state.mean[un.CONSTANT, 4] == 0.02 and not state.better.any()
 
 
@@ -194,17 +195,17 @@ def test_what_contradicts_the_model_was_no_sudden_change(name, effect):
     assert estimator.counts["CHANGE_WITHDRAWN"] > 0 or not estimator._parts.state.watch.counts[ch.EVENTS]
 
 
-@pytest.mark.parametrize("blocks", [1, 2, ch.ONSETS - 1, ch.ONSETS])
+@pytest.mark.parametrize("blocks", [1, 2, ch.CHANGE_BLOCKS - 1, ch.CHANGE_BLOCKS])
 def test_a_change_takes_back_what_was_learned_since_its_onset_and_at_most_two_looks_back_more(state, blocks):
     """The law holds after each number of blocks: the mean says in how many it was learned."""
     restart(state)
-    for taken in range(1, 4 * ch.ONSETS):
+    for taken in range(1, 4 * ch.CHANGE_BLOCKS):
         begin_block(state)
         state.mean[un.CONSTANT, 4], state.covariance[un.CONSTANT, 5, 5] = taken, 1.0 + taken
         before = state.mean.copy(), state.covariance.copy(), state.past.copy()
         go_back(state, blocks)
         left = state.mean[un.CONSTANT, 4]
-        assert max(taken - 2 * ch.ONSETS, 0) <= left <= max(taken - blocks, 0)
+        assert max(taken - 2 * ch.CHANGE_BLOCKS, 0) <= left <= max(taken - blocks, 0)
         assert left == 0.0 or state.covariance[un.CONSTANT, 5, 5] == 1.0 + left
         assert state.covariance[un.CONSTANT, 0, 0] == bl.FIRST_STD**2 and not state.mean[un.CONSTANT, :4].any()
         assert (state.mean[un.NEW] == before[0][un.NEW]).all() and (state.past == before[2]).all()

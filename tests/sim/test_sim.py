@@ -21,7 +21,7 @@ from sim.nominal import BUILT_IN, Nominal, Profile, built_in, load_nominal
 from sim.sections import Section
 from sim.vehicle.actuator import delayed_command
 from sim.vehicle.controller import limited, pseudo_derivative
-from sim.vehicle.record import NOISE, SECTION, TICK, Vehicle, assembled
+from sim.vehicle.record import CONTROLLER_TICK, SECTION, SENSOR_NOISE, Vehicle, assembled
 from sim.vehicle.step import measure, runge_kutta_4
 
 CONSTANT = tomllib.loads(built_in("constant").read_text(encoding="utf-8"))
@@ -46,7 +46,8 @@ def columns(flight: Flight) -> dict[str, np.ndarray]:
 
 def vehicle_at(h: float, a6: np.ndarray, k1: np.ndarray, **state: float) -> Vehicle:
     """A vehicle in a state, in steps of h [s], without commands; of a6 and k1 at every half step."""
-    made = assembled({"step": h, "frequency": 20.0, "damping": 0.7}, Changes(), np.zeros(1, TICK), np.zeros(1, NOISE),
+    made = assembled({"step": h, "frequency": 20.0, "damping": 0.7}, Changes(), np.zeros(1, CONTROLLER_TICK),
+                     np.zeros(1, SENSOR_NOISE),
                      a6, k1, np.zeros(1), np.zeros(0, SECTION), wind=None, drift=None)
     for name, value in state.items():
         made.flight[name] = value

@@ -20,8 +20,8 @@ from sim.effects import effect, from_text
 from sim.flight import fly_whole
 from sim.vehicle.actuator import (
     FIRST_ORDER_DAMPING,
-    FREE,
-    RESOLVED,
+    FREE_MOTION,
+    POLE_STEP,
     fastest_pole,
     servo_motion,
 )
@@ -54,7 +54,7 @@ def moved(frequency, damping, is_lag, h, start, rate=NONE):
                         ("first_order", is_lag), ("rate_limit", rate), ("rate_reach", rate), ("beta", beta),
                         ("beta_dot", beta_dot)):
         setattr(own, name, value)
-    integrals = unjitted(servo_motion)(own, np.full(1, math.nan, FREE)[0], h, command)
+    integrals = unjitted(servo_motion)(own, np.full(1, math.nan, FREE_MOTION)[0], h, command)
     return own.beta, own.beta_dot, *integrals
 
 
@@ -75,7 +75,7 @@ def test_under_a_held_command_it_moves_as_the_matrix_exponential_has_it(w, zeta,
     end, end_rate, once, twice = moved(w, zeta, is_lag, h, (command, beta, rate))
     size = 0.1 + abs(rate) / w
     assert abs(end - x[2]) < 1e-11 * size and abs(once - x[1]) < 1e-10 * size * h
-    if fastest_pole(w, zeta) * h > RESOLVED:   # else it is not asked, and the double integral loses digits
+    if fastest_pole(w, zeta) * h > POLE_STEP:  # else it is not asked, and the double integral loses digits
         assert abs(twice - x[0]) < 1e-8 * size * h**2
     if not is_lag:
         assert abs(end_rate / w - x[3]) < 1e-10 * size

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from launchid.cli.main import main
 from launchid.log.log import read_log, write_flight
-from sim.disturbance_draws import OFFSETS, drawn_offsets, drawn_wind
+from sim.disturbance_draws import OFFSET_DRAWS, drawn_offsets, drawn_wind
 from sim.effects import from_text
 from sim.errors import InputError
 from sim.flight import SUITES, Flight, fly, fly_whole
@@ -87,7 +87,7 @@ def test_turbulence_is_stationary_and_its_correlation_falls_to_one_over_e(time_c
 
 def test_offsets_have_their_sigma_and_no_correlation():
     drawn = np.array([list(drawn_offsets(UNSURE, seed).values()) for seed in range(3000)])
-    for k, name in enumerate(OFFSETS):
+    for k, name in enumerate(OFFSET_DRAWS):
         assert np.std(drawn[:, k]) == pytest.approx(getattr(UNSURE, name), rel=5 / math.sqrt(2 * 3000))
     assert np.max(np.abs(np.corrcoef(drawn.T) - np.eye(5))) < 5 / math.sqrt(3000)
 

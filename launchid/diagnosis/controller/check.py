@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...controller_replay import KD, KI, KP, Explanation, Replay, constants_of, lowest, replayed, rms
-from ..data.record import THETA, THETA_DOT, Record
+from ..data.record import Z_THETA, Z_THETA_DOT, Record
 
-GAIN, DELAY, FILTER, UNKNOWN, NONE = "gain", "delay", "filter", "unknown", "none"
-ROUNDING = 2.0e-5       # rad rms: what rounding in a log's digits may make of an exact command
-FEWEST = 20             # commands, or gaps between them, without which nothing is said
+GAIN, LATE_COMMAND, OTHER_FILTER, UNKNOWN_LAW, NO_MISMATCH = "gain", "delay", "filter", "unknown", "none"
+COMMAND_ROUNDING = 2.0e-5  # rad rms: what rounding in a log's digits may make of an exact command
+MIN_COMMANDS = 20       # commands, or gaps between them, without which nothing is said
 SAME_RECOMPUTED = 2.0e-3  # relative, of a gain; of the period for a delay: closer is the same
-SIGMAS = 3.0            # standard deviations within which an integral's gain is the same, too
-EXPLAINED = 0.05        # of the rms difference that may be left for a mismatch to be named
+GAIN_SIGMAS = 3.0       # standard deviations within which an integral's gain is the same, too
+DIFFERENCE_LEFT = 0.05  # of the rms difference that may be left for a mismatch to be named
 BETTER = 0.5            # of what gains and delay leave: another filter must leave less
 ALL_FILTERS = np.geomspace(0.05, 20.0, 60)  # of the derivative's time constant
 WHOLE_LAGS = (0.0, 1.0, 2.0, 3.0)  # periods of computing time tried with each
@@ -50,17 +50,17 @@ class ControllerCheck:
     @property
     def is_named(self) -> bool:
         """The catalogue's `controller_mismatch` explains it, beside another filter or not."""
-        return not self.is_foreign and self.kind != NONE
+        return not self.is_foreign and self.kind != NO_MISMATCH
 
     @property
     def is_foreign(self) -> bool:
         """The command is not the nominal controller's, and no gains and no computing time make it so."""
-        return self.kind in (UNKNOWN, FILTER)
+        return self.kind in (UNKNOWN_LAW, OTHER_FILTER)
 
     @property
     def words(self) -> str:
         """The mismatch in words: how far apart commands are, or which filter would explain it."""
-        if self.kind == FILTER and self.time_constant is not None:
+        if self.kind == OTHER_FILTER and self.time_constant is not None:
             return f"a derivative time constant of {self.time_constant:.4g} s would explain it"
         if self.integral_scale is not None:
             return f"{self.integral_scale:.4g} times the nominal's ki and {self.kp_scale:.4g} times its kp " \
@@ -70,8 +70,8 @@ class ControllerCheck:
     def of_kind(self, same: float, period: float) -> "ControllerCheck":
         """The check with its kind: which parts differ by more than `same`, relative; of the period [s] for a delay."""
         parts = {GAIN: abs(self.kp_scale - 1.0) > same or abs(self.kd_scale - 1.0) > same,
-                 DELAY: self.delay > same * period, FILTER: self.time_constant is not None}
-        return replace(self, kind=" and ".join(name for name, differs in parts.items() if differs) or NONE)
+                 LATE_COMMAND: self.delay > same * period, OTHER_FILTER: self.time_constant is not None}
+        return replace(self, kind=" and ".join(name for name, differs in parts.items() if differs) or NO_MISMATCH)
 
 
 def check_controller(record: Record) -> ControllerCheck | None:
@@ -81,8 +81,8 @@ def check_controller(record: Record) -> ControllerCheck | None:
     if own is None or record.input != "beta_cmd" or record.fine > 1 or record.every != record.tick \
             or abs(record.held * record.period / own.period - 1.0) > COMMENSURATE:
         return None
-    seen, reference = (record.z[:, THETA_DOT], record.rate_reference) if own.is_rate_law else \
-        (record.z[:, THETA], record.reference)
+    seen, reference = (record.z[:, Z_THETA_DOT], record.rate_reference) if own.is_rate_law else \
+        (record.z[:, Z_THETA], record.reference)
     if not np.isfinite(seen - reference).any() or (own.is_rate_law and own.filters):
         return None
     logged = record.commands if record.logged is None else np.where(record.logged, record.commands, math.nan)
@@ -92,12 +92,12 @@ def check_controller(record: Record) -> ControllerCheck | None:
         return None
     ticks = np.isfinite(made.misfit)
     before = rms(made.misfit[ticks])
-    if before <= max(made.tolerance, ROUNDING):
-        return ControllerCheck(NONE, before, before)
+    if before <= max(made.tolerance, COMMAND_ROUNDING):
+        return ControllerCheck(NO_MISMATCH, before, before)
     best, tau = made.explained(ticks), None
     if not np.isfinite(best.gains).all():
-        return ControllerCheck(UNKNOWN, before, before)
-    if best.after > ROUNDING and own.derivative_time_constant > 0.0 and not own.is_rate_law:
+        return ControllerCheck(UNKNOWN_LAW, before, before)
+    if best.after > COMMAND_ROUNDING and own.derivative_time_constant > 0.0 and not own.is_rate_law:
         other, with_filter = _filtered(made, ticks)
         if with_filter.after < BETTER * best.after:
             best, tau = with_filter, other
@@ -109,18 +109,20 @@ def _judged(made: Replay, best: Explanation, tau: float | None, before: float, c
     own = made.nominal.controller
     assert own is not None
     believed = constants_of(made.nominal)[[KP, KI if own.is_rate_law else KD]]
-    is_new = (believed == 0.0) & (np.abs(best.gains) > SIGMAS * best.std[:2])   # a part that the nominal does not have
+    # a part that the nominal does not have
+    is_new = (believed == 0.0) & (np.abs(best.gains) > GAIN_SIGMAS * best.std[:2])
     scale = np.where(believed == 0.0, 1.0, best.gains / np.where(believed == 0.0, 1.0, believed))
     std = np.where(believed == 0.0, 0.0, best.std[:2] / np.where(believed == 0.0, 1.0, np.abs(believed)))
     found = ControllerCheck("", before, best.after, float(scale[0]), 1.0 if own.is_rate_law else float(scale[1]),
                             best.delay, (float(std[0]), 0.0 if own.is_rate_law else float(std[1]), float(best.std[2])),
-                            tau, count * math.log(before / max(best.after, ROUNDING)))
+                            tau, count * math.log(before / max(best.after, COMMAND_ROUNDING)))
     found = found.of_kind(SAME_RECOMPUTED, own.period)
-    most = ROUNDING if tau is not None and found.kind != FILTER else max(EXPLAINED * before, ROUNDING)
+    most = COMMAND_ROUNDING if tau is not None and found.kind != OTHER_FILTER else max(DIFFERENCE_LEFT * before,
+                                                                                       COMMAND_ROUNDING)
     is_told = best.after <= most and not is_new.any()
-    if own.is_rate_law and is_told and abs(scale[1] - 1.0) > max(SAME_RECOMPUTED, SIGMAS * std[1]):
-        return replace(found, kind=UNKNOWN, integral_scale=float(scale[1]))
-    return found if is_told and found.kind != NONE else replace(found, kind=UNKNOWN)
+    if own.is_rate_law and is_told and abs(scale[1] - 1.0) > max(SAME_RECOMPUTED, GAIN_SIGMAS * std[1]):
+        return replace(found, kind=UNKNOWN_LAW, integral_scale=float(scale[1]))
+    return found if is_told and found.kind != NO_MISMATCH else replace(found, kind=UNKNOWN_LAW)
 
 
 def _filtered(made: Replay, ticks: np.ndarray) -> tuple[float, Explanation]:

@@ -14,10 +14,10 @@ from sim.errors import InputError
 from sim.flight import excitation
 from sim.nominal import Nominal
 
-from ...controller_replay import PERIOD, constants_of, issued
+from ...controller_replay import LAW_PERIOD, constants_of, issued
 from ...log.detect import DataCheck
 from ...log.log import Log
-from ..data.record import BETA, THETA, Record, no_servo, on_grid
+from ..data.record import Z_BETA, Z_THETA, Record, no_servo, on_grid
 from .ticks import (
     SLOWER,
     Ticks,
@@ -33,7 +33,7 @@ from .ticks import (
 
 LONGEST_HELD = 10  # rows of one command: over more nobody commands
 UNSURE = 0.03    # nats a row that a command may feign which no row saw (`measure`)
-HELD = 0.2       # of the rows repeat their command: the log is faster than what issues it
+REPEATED_ROWS = 0.2  # of the rows repeat their command: the log is faster than what issues it
 
 
 def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
@@ -45,7 +45,7 @@ def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
     draft, command = on_grid(log, nominal, data)
     if draft.fine == 1 and draft.every <= draft.tick and falls_between(_held(draft, command), command):
         draft, command = on_grid(log, nominal, data, between=True)
-    if not np.isfinite(draft.z[:, :BETA]).any():
+    if not np.isfinite(draft.z[:, :Z_BETA]).any():
         raise InputError(f"{log.path}: no theta and no theta_dot that can be used; expected one of them")
     return _with_commands(draft, command, log.path)
 
@@ -56,22 +56,22 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     known = np.isfinite(command)
     is_slow = draft.fine > 1 or draft.every > draft.tick
     recomputable = nominal.controller is not None and np.isfinite(draft.reference).any() \
-        and np.isfinite(draft.z[:, THETA]).any() and not (is_slow and np.isfinite(draft.z[:, BETA]).any())
+        and np.isfinite(draft.z[:, Z_THETA]).any() and not (is_slow and np.isfinite(draft.z[:, Z_BETA]).any())
     draft = _held(draft, command)
-    direct = nominal.actuator is None and np.isfinite(draft.z[:, BETA]).any()
+    direct = nominal.actuator is None and np.isfinite(draft.z[:, Z_BETA]).any()
     if direct:
         known = np.zeros(draft.rows, bool)
     elif not known.any() and recomputable:
         return _answered(draft)
     source = "beta_cmd"
     if not known.any():
-        command, source = draft.z[:, BETA], "beta"
+        command, source = draft.z[:, Z_BETA], "beta"
         known = np.isfinite(command)
         if not known.any():
             raise InputError(f"{path}: no beta_cmd, no beta, and no theta_ref with a [controller] to recompute the "
                              "command from; expected one of them")
     if source == "beta":  # it is the input, so it tells nothing besides, and no servo is between
-        draft = replace(draft, z=np.column_stack([draft.z[:, :BETA], np.full(draft.rows, math.nan)]),
+        draft = replace(draft, z=np.column_stack([draft.z[:, :Z_BETA], np.full(draft.rows, math.nan)]),
                         actuator=no_servo(draft.period))
     else:
         command = _shared(command, draft.held, draft.held_phase)
@@ -175,7 +175,7 @@ def _is_held(changed: np.ndarray) -> bool:
     than the rows come, where they change at all."""
     apart = np.diff(np.flatnonzero(changed))
     apart = apart[apart <= LONGEST_HELD]
-    return len(apart) > 0 and float(np.mean(apart)) * (1.0 - HELD) > 1.0
+    return len(apart) > 0 and float(np.mean(apart)) * (1.0 - REPEATED_ROWS) > 1.0
 
 
 def _phase(command: np.ndarray, held: int) -> int:
@@ -190,7 +190,7 @@ def _phase(command: np.ndarray, held: int) -> int:
 def _recomputed(r: Record) -> np.ndarray:
     """The nominal controller's command [rad] of every row of a log as fast as it from the measured attitude and the
     reference, linear over rows without one."""
-    error = lined(r.z[:, THETA]) - lined(r.reference)
+    error = lined(r.z[:, Z_THETA]) - lined(r.reference)
     first = (r.first_step + r.held_phase * r.every) // (r.tick * r.held)
     commands = np.repeat(_answer(r, error[r.held_phase::r.held], first), r.held)
     return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:r.rows]
@@ -199,10 +199,10 @@ def _recomputed(r: Record) -> np.ndarray:
 def _recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
     """The same (ticks,) [rad] of a log that did not see every tick, between rows of the attitude that lines carry."""
     count = len(issued_at(ticks, r, np.full(r.rows, math.nan)))
-    at, seen = ticks.phase + ticks.period * np.arange(count), np.isfinite(r.z[:, THETA])
-    theta = np.interp(at, r.at, carried(r.z[:, THETA]).line)
+    at, seen = ticks.phase + ticks.period * np.arange(count), np.isfinite(r.z[:, Z_THETA])
+    theta = np.interp(at, r.at, carried(r.z[:, Z_THETA]).line)
     rows, index = np.isin(r.at, at) & seen, np.isin(at, r.at[seen])
-    theta[index] = r.z[rows, THETA]
+    theta[index] = r.z[rows, Z_THETA]
     return _answer(r, theta - np.interp(at, r.at, lined(r.reference)),
                    round((r.first_step + ticks.phase) / ticks.period))
 
@@ -210,5 +210,5 @@ def _recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
 def _answer(r: Record, error: np.ndarray, first: int) -> np.ndarray:
     """The nominal controller's commands (periods,) [rad] to errors (periods,) [rad] from its period `first` on."""
     constants = constants_of(r.nominal)
-    test = excitation(r.nominal, first + len(error), constants[PERIOD])[first:]
+    test = excitation(r.nominal, first + len(error), constants[LAW_PERIOD])[first:]
     return issued(r.nominal, constants, error, test)[0]

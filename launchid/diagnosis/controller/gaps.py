@@ -24,21 +24,21 @@ from sim.flight import excitation, packed
 
 from ...controller_replay import KI, NEAR_LIMIT, constants_of, lowest, rms
 from ...sums import combined, least_squares, products
-from ..data.record import THETA, THETA_DOT, Record
-from .check import FEWEST, NONE, ROUNDING, UNKNOWN, ControllerCheck
+from ..data.record import Z_THETA, Z_THETA_DOT, Record
+from .check import COMMAND_ROUNDING, MIN_COMMANDS, NO_MISMATCH, UNKNOWN_LAW, ControllerCheck
 from .command import in_doubt
 from .ticks import command_noise, noise_std
 
 SAME_PREDICTED = 0.02  # relative, of a gain and of a time constant: closer is the same
-NOISE = 4.0            # times what the attitude's noise between rows makes: more is no difference of gains
+ATTITUDE_NOISE = 4.0   # times what the attitude's noise between rows makes: more is no difference of gains
 EXPLAINS = 2.0         # times it, that other numbers may leave: true ones leave 0.95 to 1.2, an integral part 2.9
 FREE_NUMBER = 4.0      # nats that a further free number must bring
-CLEARLY = 30.0         # nats that a mismatch must gain; and gains and filter together over either
+MISMATCH_NATS = 30.0   # nats that a mismatch must gain; and gains and filter together over either
 GAINS: tuple[tuple[int, ...], ...] = ((0,), (1,), (0, 1))  # which may be free
-LATEST = 1             # rows of computing time tried beside the nominal's
+MOST_COMPUTING_ROWS = 1  # rows of computing time tried beside the nominal's
 MEANS = (8, 32)        # rows, of innovations: over longer times they would take the gains' part too
 COLOURED = 0.3         # correlation from gap to gap: more is neither noise nor a sensor's fault,
-BY_CHANCE = 4.0        # if it is also more than so many of its standard deviations in white noise, 1/sqrt(gaps)
+CHANCE_CORRELATION = 4.0  # if it is also more than so many of its standard deviations in white noise, 1/sqrt(gaps)
 NEAR_FILTERS = np.geomspace(0.2, 5.0, 41)  # of the derivative's time constant
 
 
@@ -70,10 +70,10 @@ def on_board(record: Record) -> OnBoard:
 def errors_seen(record: Record, attitude: np.ndarray) -> np.ndarray:
     """The errors (ticks,) [rad], attitude less reference: measured at the rows, of the predicted `attitude` between."""
     m, n = record.every // record.tick, record.rows
-    known, measured = np.isfinite(record.reference), np.isfinite(record.z[:, THETA])
+    known, measured = np.isfinite(record.reference), np.isfinite(record.z[:, Z_THETA])
     reference = np.interp(np.arange(n * m) / m, np.arange(n)[known], record.reference[known])
     error = attitude - reference
-    error[::m] = np.where(measured, record.z[:, THETA], attitude[::m]) - reference[::m]
+    error[::m] = np.where(measured, record.z[:, Z_THETA], attitude[::m]) - reference[::m]
     return error
 
 
@@ -107,7 +107,7 @@ def filled(record: Record, attitude: np.ndarray, of: OnBoard) -> Record:
     m, commands = record.every // record.tick, record.commands.copy()
     kp, kd, tau, period, limit, late = of
     error, test = shifted(errors_seen(record, attitude), late), test_issued(record, late)
-    measured = shifted(np.isfinite(record.z[:, THETA]), late // m)
+    measured = shifted(np.isfinite(record.z[:, Z_THETA]), late // m)
     row = (commands[::m] - test[::m] - kp * error[::m]) / kd
     fair = (np.abs(commands[::m]) < limit) & measured & (record.logged if record.logged is not None else True)
     alpha = tau / (tau + period)
@@ -160,14 +160,14 @@ class Gaps:
         self.error = shifted(errors_seen(record, seen.attitude), late)
         issued = record.commands[::m]
         self.command = issued - test_issued(record, late)[::m]
-        measured = shifted(np.isfinite(record.z[:, THETA]), late // m)
+        measured = shifted(np.isfinite(record.z[:, Z_THETA]), late // m)
         largest = np.maximum(np.abs(issued[1:]), np.abs(issued[:-1]))
         self.fair = measured[1:] & measured[:-1] & (largest < NEAR_LIMIT * own.limit)
         self.fair[:late // m + 1] = False
         if record.logged is not None:
             self.fair &= record.logged[1:] & record.logged[:-1]
         self.surprise = shifted(_surprises(seen), late // m)[1:][self.fair]
-        self.noise = max(noise_std(record), ROUNDING)
+        self.noise = max(noise_std(record), COMMAND_ROUNDING)
 
     def relation(self, tau: float) -> tuple[np.ndarray, np.ndarray]:
         """(left-hand side (gaps,) [rad], right-hand side (gaps, 2) at the nominal's gains) with this filter [s]."""
@@ -205,12 +205,12 @@ class Gaps:
         best = self.left(tau, free)
         return replace(best, numbers=best.numbers + 1)
 
-    def is_noise(self, rest: np.ndarray, most: float = NOISE) -> bool:
+    def is_noise(self, rest: np.ndarray, most: float = ATTITUDE_NOISE) -> bool:
         """Test that `rest` is white and its rms at most `most` times what the attitude's noise leaves in a gap."""
         own = self.own
         small = most * self.noise * own.kd * own.period / (own.tau + own.period)**2
         colour = float(np.mean(rest[1:] * rest[:-1])) / max(rms(rest), 1e-12)**2
-        return rms(rest) <= small and abs(colour) <= max(COLOURED, BY_CHANCE / math.sqrt(len(rest)))
+        return rms(rest) <= small and abs(colour) <= max(COLOURED, CHANCE_CORRELATION / math.sqrt(len(rest)))
 
     def check(self) -> ControllerCheck:
         """The check of gains, filter and computing time that explain these gaps best."""
@@ -219,11 +219,11 @@ class Gaps:
         found = ControllerCheck("", believed.rms, best.rms, float(best.gains[0]), float(best.gains[1]),
                                 self.late * self.own.period, (float(best.std[0]), float(best.std[1]), 0.0),
                                 best.tau if other else None, best.over(believed))
-        if self.late == 0 and found.evidence < CLEARLY and self.is_noise(believed.rest):
-            return ControllerCheck(NONE, believed.rms, believed.rms)
+        if self.late == 0 and found.evidence < MISMATCH_NATS and self.is_noise(believed.rest):
+            return ControllerCheck(NO_MISMATCH, believed.rms, believed.rms)
         at_an_end = min(abs(best.tau / (self.own.tau * end) - 1.0) for end in NEAR_FILTERS[[0, -1]]) < SAME_PREDICTED
         return found.of_kind(SAME_PREDICTED, self.own.period) if self.is_noise(best.rest, EXPLAINS) and not at_an_end \
-            else replace(found, kind=UNKNOWN)
+            else replace(found, kind=UNKNOWN_LAW)
 
 
 def _surprises(seen: Seen) -> np.ndarray:
@@ -239,15 +239,16 @@ def _surprises(seen: Seen) -> np.ndarray:
 def check_gaps(record: Record, seen: Seen) -> ControllerCheck | None:
     """The check of a slow log; None where it is not possible: without a rate the predicted errors are too poor."""
     own, ticks = on_board(record), record.every // record.tick
-    if not np.isfinite(record.z[:, THETA_DOT]).any() or not follows(own, ticks) or own.kp == 0.0 or own.tau == 0.0:
+    if not np.isfinite(record.z[:, Z_THETA_DOT]).any() or not follows(own, ticks) or own.kp == 0.0 or own.tau == 0.0:
         return None
-    tries = [gaps for gaps in (Gaps(record, seen, late) for late in range(LATEST + 1)) if gaps.fair.sum() >= FEWEST]
+    tries = [gaps for gaps in (Gaps(record, seen, late) for late in range(MOST_COMPUTING_ROWS + 1))
+             if gaps.fair.sum() >= MIN_COMMANDS]
     if not tries or tries[0].late > 0:
         return None
     found = tries[0].check()
-    if found.kind != UNKNOWN:
+    if found.kind != UNKNOWN_LAW:
         return found
-    others = [each for each in (gaps.check() for gaps in tries[1:]) if each.kind != UNKNOWN]
+    others = [each for each in (gaps.check() for gaps in tries[1:]) if each.kind != UNKNOWN_LAW]
     return min(others, key=lambda each: each.after, default=found)
 
 
@@ -267,7 +268,7 @@ def _explained(gaps: Gaps) -> Left:
         other = gaps.left(gaps.own.tau, free)
         best = other if other.over(best) > 0.0 else best
     if gaps.own.tau > 0.0:
-        for free, least in (((), -FREE_NUMBER), *((free, CLEARLY) for free in GAINS)):
+        for free, least in (((), -FREE_NUMBER), *((free, MISMATCH_NATS) for free in GAINS)):
             other = gaps.filtered(free)
             needed = least if other.numbers > best.numbers else 0.0
             if other.over(best) > needed and abs(other.tau / gaps.own.tau - 1.0) > SAME_PREDICTED:

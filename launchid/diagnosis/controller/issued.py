@@ -14,10 +14,10 @@ import numpy as np
 
 from sim.effects import CATALOGUE
 
-from ..data.record import BETA, Record
-from .check import NONE, UNKNOWN, ControllerCheck, check_controller
+from ..data.record import Z_BETA, Record
+from .check import NO_MISMATCH, UNKNOWN_LAW, ControllerCheck, check_controller
 from .command import unsure
-from .gaps import CLEARLY, Gaps, Seen, check_gaps, filled, follows, on_board
+from .gaps import MISMATCH_NATS, Gaps, Seen, check_gaps, filled, follows, on_board
 
 FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
 
@@ -40,20 +40,20 @@ def with_commands(record: Record, follow: Callable[[Record], Seen | None]) -> tu
         if seen is None:
             return record, None
         checked = check_gaps(made, seen)
-        if checked is not None and checked.kind == UNKNOWN:
+        if checked is not None and checked.kind == UNKNOWN_LAW:
             return record, checked
         told = own if checked is None else own._replace(
             kp=checked.kp_scale * own.kp, kd=checked.kd_scale * own.kd, tau=checked.time_constant or own.tau,
             late=own.late + round(checked.delay / own.period))
         made = filled(made, seen.attitude, told)
-    if checked is not None and checked.kind != NONE:
+    if checked is not None and checked.kind != NO_MISMATCH:
         assert seen is not None
         believed = filled(record, seen.attitude, own)
         if not _confirms(follow(made), follow(believed)):
             gaps = Gaps(record, seen)
             is_believed = gaps.is_noise(gaps.left(own.tau, ()).rest)
-            return believed, replace(checked, kind=NONE if is_believed else UNKNOWN)
-    is_told = checked is not None and checked.kind != NONE
+            return believed, replace(checked, kind=NO_MISMATCH if is_believed else UNKNOWN_LAW)
+    is_told = checked is not None and checked.kind != NO_MISMATCH
     was_told = any(CATALOGUE[each.name].where == "controller" for each in record.nominal.effects)   # by some log
     if is_told or was_told:
         made = replace(made, unsure=unsure(record.every / record.tick - 1.0))
@@ -65,6 +65,7 @@ def _confirms(told: Seen | None, believed: Seen | None) -> bool:
     nominal's: it sees every command's answer, and no sensor that is wrong moves it."""
     if told is None or believed is None:
         return False
-    (one, rows), (other, _) = ((np.nansum(each.innovations[:, BETA]**2), np.isfinite(each.innovations[:, BETA]).sum())
+    (one, rows), (other, _) = ((np.nansum(each.innovations[:, Z_BETA]**2),
+                                np.isfinite(each.innovations[:, Z_BETA]).sum())
                                for each in (told, believed))
-    return rows == 0 or bool(0.5 * rows * math.log(other / one) > CLEARLY)
+    return rows == 0 or bool(0.5 * rows * math.log(other / one) > MISMATCH_NATS)

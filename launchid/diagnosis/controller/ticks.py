@@ -11,21 +11,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller_replay import KD, KP, NEAR_LIMIT, PERIOD, TIME_CONSTANT, constants_of
+from ...controller_replay import KD, KP, LAW_PERIOD, LAW_TIME_CONSTANT, NEAR_LIMIT, constants_of
 from ...sums import combined, least_squares
-from ..data.record import THETA, Record
+from ..data.record import Z_THETA, Record
 
 SLOWER = 1.01     # of the controller's period: rows that far apart see a new command each
 STAYS = 0.02      # of the rows repeat their command, if ticks are to be told
 AGREES = 0.85     # of the rows that do, and of those that do not, must as the ticks say: a row stands within its step
-PHASES = 60       # tried
-LAGS = 3          # rows of a linear law
-FEWEST = 60       # rows that tell one
+PHASES_TRIED = 60  # tried
+LAW_ROWS = 3      # rows of a linear law
+MIN_ROWS_A_LAW = 60  # rows that tell one
 OTHERS = 0.6      # of what the attitude's noise makes of a command: more is noise that the rows do not have
 NORMAL = 0.6745   # median of |x| of a normal one over its standard deviation
-NEIGHBOURS = 3    # rows to either side that a line is drawn by
-JUMP = 5.0        # standard deviations by which a value leaves the line of its neighbours
-ON = 1e-6         # of a period: a row so close before a tick sees its command
+LINE_ROWS = 3     # rows to either side that a line is drawn by
+JUMP_SIGMAS = 5.0  # standard deviations by which a value leaves the line of its neighbours
+AT_TICK = 1e-6    # of a period: a row so close before a tick sees its command
 
 
 class Ticks(NamedTuple):
@@ -38,7 +38,7 @@ class Ticks(NamedTuple):
 
     def of(self, at: np.ndarray) -> np.ndarray:
         """(n,) int64: the tick whose command is seen at steps at (n,)."""
-        return np.floor((at - self.phase) / self.period + ON).astype(np.int64)
+        return np.floor((at - self.phase) / self.period + AT_TICK).astype(np.int64)
 
 
 def ticks_of(record: Record, command: np.ndarray) -> Ticks | None:
@@ -66,7 +66,7 @@ def noise_std(record: Record) -> float:
 def command_noise(record: Record) -> float:
     """The command [rad] that the controller makes at once of the attitude's noise."""
     c = constants_of(record.nominal)
-    return float(abs(c[KP] + c[KD] / (c[TIME_CONSTANT] + c[PERIOD]))) * noise_std(record)
+    return float(abs(c[KP] + c[KD] / (c[LAW_TIME_CONSTANT] + c[LAW_PERIOD]))) * noise_std(record)
 
 
 def falls_between(record: Record, command: np.ndarray) -> bool:
@@ -75,16 +75,17 @@ def falls_between(record: Record, command: np.ndarray) -> bool:
     if record.nominal.controller is None or noise_std(record) == 0.0 or not np.isfinite(command).any():
         return False
     first, stride = record.held_phase, record.held
-    theta, command = record.z[first::stride, THETA], command[first::stride]
+    theta, command = record.z[first::stride, Z_THETA], command[first::stride]
     free = np.where(np.abs(command) < NEAR_LIMIT * record.actuator.deflection_limit, command, math.nan)
-    n = len(free) - LAGS
-    if n < FEWEST:
+    n = len(free) - LAW_ROWS
+    if n < MIN_ROWS_A_LAW:
         return False
-    among = np.column_stack([*(theta[LAGS - j:LAGS - j + n] for j in range(LAGS + 1)),
-                             *(free[LAGS - j:LAGS - j + n] for j in range(1, LAGS + 1)), np.ones(n), np.arange(n) / n])
-    wanted = free[LAGS:]
+    among = np.column_stack([*(theta[LAW_ROWS - j:LAW_ROWS - j + n] for j in range(LAW_ROWS + 1)),
+                             *(free[LAW_ROWS - j:LAW_ROWS - j + n] for j in range(1, LAW_ROWS + 1)), np.ones(n),
+                             np.arange(n) / n])
+    wanted = free[LAW_ROWS:]
     whole = np.isfinite(among).all(axis=1) & np.isfinite(wanted)
-    if np.count_nonzero(whole) < FEWEST:
+    if np.count_nonzero(whole) < MIN_ROWS_A_LAW:
         return False
     rest = wanted[whole] - combined(among[whole], least_squares(among[whole], wanted[whole]))
     return float(np.median(np.abs(rest))) > NORMAL * OTHERS * command_noise(record)
@@ -102,13 +103,14 @@ def _told(at: np.ndarray, command: np.ndarray, period: float, limit: float) -> T
         passed = np.diff(Ticks(phase, period, 0.0).of(at))[free] > 0
         return float(np.mean(passed[changed])), float(np.mean(~passed[~changed]))
 
-    tried = [(min(agreement(phase)), phase) for phase in -np.arange(PHASES) * period / PHASES]
+    tried = [(min(agreement(phase)), phase) for phase in -np.arange(PHASES_TRIED) * period / PHASES_TRIED]
     best = max(tried)[0]
     if best < AGREES:
         return None
     turns = np.exp(2j * math.pi * np.array([phase for agrees, phase in tried if agrees > best - 1e-9]) / period)
     middle = float(np.angle(np.sum(turns))) * period / (2.0 * math.pi)
-    return Ticks(middle - period if middle > 0.0 else middle, period, len(turns) * period / PHASES / math.sqrt(12.0))
+    return Ticks(middle - period if middle > 0.0 else middle, period,
+                 len(turns) * period / PHASES_TRIED / math.sqrt(12.0))
 
 
 def between(record: Record, ticks: Ticks) -> Record:
@@ -168,15 +170,15 @@ def carried(x: np.ndarray) -> Carried:
     def of(away: int) -> np.ndarray:
         return np.asarray(0.5 * (whole[np.clip(rows - away, 0, rows[-1])] + whole[np.clip(rows + away, 0, rows[-1])]))
 
-    twice = np.column_stack([0.5 * (of(2 * j - 1) + of(2 * j + 1)) for j in range(NEIGHBOURS + 1)])
+    twice = np.column_stack([0.5 * (of(2 * j - 1) + of(2 * j + 1)) for j in range(LINE_ROWS + 1)])
 
     def off(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rest = np.where(known, whole - combined(twice, weights), 0.0)
-        return rest, np.abs(rest) > JUMP / NORMAL * np.median(np.abs(rest[known]))
+        return rest, np.abs(rest) > JUMP_SIGMAS / NORMAL * np.median(np.abs(rest[known]))
 
-    plain = np.append(1.0, np.full(NEIGHBOURS, 2.0)) / (1.0 + 2.0 * NEIGHBOURS)
+    plain = np.append(1.0, np.full(LINE_ROWS, 2.0)) / (1.0 + 2.0 * LINE_ROWS)
     steady = known & ~off(plain)[1]
     weights = least_squares(twice[steady], x[steady])
     rest, jumps = off(weights)
-    line = combined(np.column_stack([of(j) for j in range(NEIGHBOURS + 1)]), weights)
+    line = combined(np.column_stack([of(j) for j in range(LINE_ROWS + 1)]), weights)
     return Carried(np.where(jumps, whole, line), rest, jumps)

@@ -21,17 +21,17 @@ from sim.nominal import Nominal
 from sim.sections import Actuator, Controller
 from sim.vehicle.actuator import fastest_pole
 
-from ...log.channels import MEASURED as CHANNELS
+from ...log.channels import SENSOR_COLUMNS as CHANNELS
 from ...log.detect import DataCheck
 from ...log.log import Log
 
-THETA, THETA_DOT, BETA = range(3)
+Z_THETA, Z_THETA_DOT, Z_BETA = range(3)
 ESCAPED = 1.0e3          # rad beyond where the log has been: a model that diverges so far is not followed further
 FAR_FASTER = 10.0        # times: a servo's pole so much faster than rows and its other pole is done before either tells
-LATEST_START = 1.0e4     # s: a log that starts later (a calendar's clock) is shifted to start at 0
+LATEST_FLIGHT = 1.0e4    # s: a log that starts later (a calendar's clock) is shifted to start at 0
 CLOCKED = ("time", "middle")  # parameters of effects that are times on the log's clock
-MOST_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
-DIRECT = 4.5             # rad a row: the servo that stands for none lags by a third of a row
+GRID_ROWS = 2_000_000    # of the grid: more is a log with absurd stamps
+DIRECT_INPUT = 4.5       # rad a row: the servo that stands for none lags by a third of a row
 SLOWEST_DIRECT = 500.0   # rad/s: but by no more than 3 ms
 DIRECT_DAMPING = 0.7
 JITTER = 0.01            # of a period, rms: less is a uniform log
@@ -100,8 +100,8 @@ class Record:
     def farthest(self) -> float:
         """[rad] An attitude from which on a model does not follow the log: no body turns so far in it, however it
         spins."""
-        turned = self.z[:, THETA] if np.isfinite(self.z[:, THETA]).any() else \
-            np.cumsum(np.nan_to_num(self.z[:, THETA_DOT])) * self.period
+        turned = self.z[:, Z_THETA] if np.isfinite(self.z[:, Z_THETA]).any() else \
+            np.cumsum(np.nan_to_num(self.z[:, Z_THETA_DOT])) * self.period
         return ESCAPED + float(np.nanmax(np.abs(turned)))
 
     @property
@@ -122,7 +122,7 @@ class Record:
 
 def no_servo(period: float) -> Actuator:
     """The servo that stands for none where rows are a period [s] apart."""
-    return Actuator(natural_frequency=max(DIRECT / period, SLOWEST_DIRECT), damping_ratio=DIRECT_DAMPING)
+    return Actuator(natural_frequency=max(DIRECT_INPUT / period, SLOWEST_DIRECT), damping_ratio=DIRECT_DAMPING)
 
 
 def as_seen(servo: Actuator, period: float) -> Actuator:
@@ -154,9 +154,9 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     off = place - index
     first = np.concatenate([[True], np.diff(index) > 0])  # two stamps on one place of the grid: the earlier counts
     n = int(index[-1]) + 1
-    if n > MOST_ROWS:
+    if n > GRID_ROWS:
         raise InputError(f"{log.path}: column t: {t[0]:g} to {t[-1]:g} s at {period:g} s are {n} rows; "
-                         f"expected at most {MOST_ROWS}")
+                         f"expected at most {GRID_ROWS}")
     step, every, tick, fine = _steps(period, nominal, between or float(np.sqrt(np.mean(off**2))) > JITTER)
 
     def column(name: str) -> np.ndarray:
@@ -169,7 +169,7 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     z = np.column_stack([column(name) for name in CHANNELS])
     reference, command = column("theta_ref"), column("beta_cmd")
     own = nominal.controller
-    first_step = round(t[0] / step) if 0.0 <= t[0] <= LATEST_START else 0
+    first_step = round(t[0] / step) if 0.0 <= t[0] <= LATEST_FLIGHT else 0
     shift = round(float(t[0]) - first_step * step, CLOCK_DIGITS)
     law = own if own is not None and (own.filters or own.is_rate_law) else None   # whose command is not recomputed
     nominal = _shifted(nominal if law is None else replace(nominal, controller=None), shift)

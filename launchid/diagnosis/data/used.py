@@ -17,10 +17,10 @@ from sim.nominal import Nominal
 from ...log.detect import DataCheck
 from .record import Record
 
-MOST = 8_000           # rows that are fitted: 80 s at 100 Hz
-SINE = "sin(theta)"    # the term of a body that swings, beside a6
-SLOWEST = 0.02         # s between rows that are kept of a faster log: two fifths of a servo's time constant of 0.05 s
-RESOLVED = 0.3         # rad of the nominal's own motion, of frequency |a6|^1/2, between them: 20 rows a period
+ROWS_FITTED = 8_000    # rows that are fitted: 80 s at 100 Hz
+SWING_TERM = "sin(theta)"  # the term of a body that swings, beside a6
+LONGEST_PERIOD = 0.02  # s between rows that are kept of a faster log: two fifths of a servo's time constant of 0.05 s
+MOTION_STEP = 0.3      # rad of the nominal's own motion, of frequency |a6|^1/2, between them: 20 rows a period
 
 
 class Used(NamedTuple):
@@ -38,7 +38,7 @@ class Used(NamedTuple):
         return f"{self.rows} rows are fitted, one in {self.every} from {self.begin:.6g} to {self.end:.6g} s"
 
 
-def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal, most: int = MOST) -> DataCheck:
+def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal, most: int = ROWS_FITTED) -> DataCheck:
     """The check with so many of the usable rows, for a log of a test stand without servo, stamps t (n,) [s]; for others
     with all."""
     rows = np.flatnonzero(data.usable)
@@ -53,8 +53,8 @@ def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal, most: int = MOST) 
 
 def slowest(nominal: Nominal, a6: np.ndarray) -> float:
     """Longest time [s] between rows that are kept, of a nominal with a6 (n,) [1/s^2] along the log."""
-    stiffness = float(np.max(np.abs(a6))) + sum(abs(of) for term, of in nominal.terms if term == SINE)
-    return min(SLOWEST, RESOLVED / math.sqrt(stiffness)) if stiffness > 0.0 else SLOWEST
+    stiffness = float(np.max(np.abs(a6))) + sum(abs(of) for term, of in nominal.terms if term == SWING_TERM)
+    return min(LONGEST_PERIOD, MOTION_STEP / math.sqrt(stiffness)) if stiffness > 0.0 else LONGEST_PERIOD
 
 
 def slowest_of(record: Record) -> float:
@@ -66,7 +66,7 @@ def _every(rows: int, period: float, longest: float, most: int) -> int:
     return max(1, min(math.ceil(rows / most), math.floor(longest / period + 1e-9)))
 
 
-def shortened(record: Record, most: int = MOST) -> Record:
+def shortened(record: Record, most: int = ROWS_FITTED) -> Record:
     """Cut the record to the most rows that `used` can thin to `most`; further rows would not be used."""
     if record.rows <= most:
         return record
@@ -74,7 +74,7 @@ def shortened(record: Record, most: int = MOST) -> Record:
     return cut(record, longest) if record.rows > longest else record
 
 
-def used(record: Record, t: np.ndarray, most: int = MOST) -> tuple[Record, Used | None]:
+def used(record: Record, t: np.ndarray, most: int = ROWS_FITTED) -> tuple[Record, Used | None]:
     """(The record with at most so many rows, what they are of the log's usable stamps t (n,) [s]); None where that is
     all of them."""
     every = _every(record.rows, record.period, slowest_of(record), most)

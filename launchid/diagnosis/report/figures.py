@@ -9,15 +9,15 @@ from sim.canvas import panels, save
 
 from ...figures.logs import logs_figure, looked_at
 from ..estimate import Fit
-from ..gain import CHANNELS, LONGEST, SPACING, predictions
+from ..gain import CHANNELS, GAIN_HORIZON, SPACING, predictions
 from ..verdict import Result
 
-__all__ = ["DRAWN", "drawable", "save"]
+__all__ = ["REPORT_FIGURES", "drawable", "save"]
 
-UNITS = {"theta": "rad", "theta_dot": "rad/s", "beta": "rad"}
-BAND = 3.0             # standard deviations of an innovation: 99.7 % stay within
-MEASURED = {"color": "0.72", "linewidth": 2.6}
-BEFORE = {"color": "#c2570c", "linewidth": 1.0, "linestyle": "--"}
+CHANNEL_UNITS = {"theta": "rad", "theta_dot": "rad/s", "beta": "rad"}
+INNOVATION_BAND = 3.0  # standard deviations of an innovation: 99.7 % stay within
+LOG_LINE = {"color": "0.72", "linewidth": 2.6}
+BEFORE_LINE = {"color": "#c2570c", "linewidth": 1.0, "linestyle": "--"}
 AFTER = {"color": "#12355b", "linewidth": 1.0}
 
 
@@ -25,7 +25,7 @@ def shown(result: Result) -> list[tuple[str, dict, Fit]]:
     """The nominal, and the model with its causes where there are any: label, style, fit."""
     el = result.elimination
     assert el is not None
-    both = [("nominal", BEFORE, el.nominal)]
+    both = [("nominal", BEFORE_LINE, el.nominal)]
     return [*both, ("with the causes", AFTER, el.final)] if result.named else both
 
 
@@ -36,22 +36,22 @@ def misfit(result: Result) -> Figure | None:
         return None
     channel = 0 if m.has["theta"] else 1
     row = float(np.median(m.dt))
-    span = max(1, round(min(gain.longest, LONGEST) / row))
+    span = max(1, round(min(gain.longest, GAIN_HORIZON) / row))
     starts = np.arange(max(10, m.n // 200), m.n - 1 - span, max(1, round(SPACING / row)))
     if len(starts) < 2:
         return None
     change = m.z[starts + span, channel] - m.z[starts, channel]
     t = m.t[starts + span] + m.track.record.shift
     figure, (above, below) = panels(2, f"measured against predicted, {span * row:.2g} s ahead, blocks left out")
-    above.plot(t, change, label="measured", **MEASURED)
+    above.plot(t, change, label="measured", **LOG_LINE)
     for label, style, fit in shown(result):
         error = predictions(m, fit, starts, np.array([span]))[:, 0, channel]
         above.plot(t, change - error, label=f"predicted, {label}", **style)
         seen = error[np.isfinite(error)]
         rms = float(np.sqrt(np.mean(seen**2))) if len(seen) else float("nan")
-        below.plot(t, error, label=f"{label}: {rms:.2g} {UNITS[CHANNELS[channel]]} rms", **style)
-    above.set_ylabel(f"change of {CHANNELS[channel]} [{UNITS[CHANNELS[channel]]}]")
-    below.set_ylabel(f"measured less predicted\n[{UNITS[CHANNELS[channel]]}]")
+        below.plot(t, error, label=f"{label}: {rms:.2g} {CHANNEL_UNITS[CHANNELS[channel]]} rms", **style)
+    above.set_ylabel(f"change of {CHANNELS[channel]} [{CHANNEL_UNITS[CHANNELS[channel]]}]")
+    below.set_ylabel(f"measured less predicted\n[{CHANNEL_UNITS[CHANNELS[channel]]}]")
     below.set_xlabel("t [s]")
     for axis in (above, below):
         axis.legend(fontsize=8, ncol=3)
@@ -79,15 +79,16 @@ def innovations(result: Result) -> Figure | None:
         m.white(fit.p)
         for axis, ch in zip(axes, channels, strict=True):
             inside = np.isfinite(m.S[:, ch])
-            outside = float(np.mean(np.abs(m.E[inside, ch]) > BAND * np.sqrt(m.S[inside, ch])))
+            outside = float(np.mean(np.abs(m.E[inside, ch]) > INNOVATION_BAND * np.sqrt(m.S[inside, ch])))
             axis.plot(t[inside], m.E[inside, ch], color=style["color"], linewidth=0.5,
                       label=f"{label}: {100 * outside:.1f} % outside")
             for sign in (-1.0, 1.0):
-                axis.plot(t[inside], sign * BAND * np.sqrt(m.S[inside, ch]), color="0", linewidth=0.8, linestyle=":")
+                axis.plot(t[inside], sign * INNOVATION_BAND * np.sqrt(m.S[inside, ch]), color="0", linewidth=0.8,
+                          linestyle=":")
             top = 1.2 * float(np.quantile(np.abs(m.E[inside, ch]), 0.999))
             if top > 0.0 and label == "nominal":
                 axis.set_ylim(-top, top)
-            axis.set_ylabel(f"{CHANNELS[ch]} [{UNITS[CHANNELS[ch]]}]")
+            axis.set_ylabel(f"{CHANNELS[ch]} [{CHANNEL_UNITS[CHANNELS[ch]]}]")
             axis.legend(fontsize=8, ncol=2)
     axes[-1].set_xlabel("t [s]")
     return figure
@@ -116,9 +117,9 @@ def as_it_is(result: Result) -> Figure | None:
 
 def drawable(result: Result) -> tuple[str, ...]:
     """The pictures that this diagnosis may have."""
-    return ("faults.png",) if result.model is None else tuple(DRAWN)
+    return ("faults.png",) if result.model is None else tuple(REPORT_FIGURES)
 
 
-DRAWN: dict[str, Callable[[Result], Figure | None]] = {"faults.png": as_it_is, "misfit.png": misfit,
-                                                       "innovations.png": innovations,
-                                                       "worth.png": worth}
+REPORT_FIGURES: dict[str, Callable[[Result], Figure | None]] = {"faults.png": as_it_is, "misfit.png": misfit,
+                                                                "innovations.png": innovations,
+                                                                "worth.png": worth}

@@ -59,14 +59,14 @@ def _draw(result: Result, folder: Path) -> Drawn | None:
     """The figures, written and as PNG; None without matplotlib."""
     try:
         from ...charts.figure import figure_json
-        from .figures import DRAWN, drawable, save
+        from .figures import REPORT_FIGURES, drawable, save
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("matplotlib"):
             raise
         return None
     drawn = []
     for name in drawable(result):
-        if (figure := DRAWN[name](result)) is not None:
+        if (figure := REPORT_FIGURES[name](result)) is not None:
             save(figure, folder / name)
             drawn.append((name, (folder / name).read_bytes(), figure_json(figure)))
     return drawn

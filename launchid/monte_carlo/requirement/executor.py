@@ -6,14 +6,14 @@ from concurrent.futures import Executor
 
 from sim.errors import UsageError, extra_needed
 
-PATIENCE = 10.0  # s, for a scheduler to answer
-FORM = "expected local, or dask:ADDRESS such as dask:tcp://node1:8786"
+SCHEDULER_TIMEOUT = 10.0  # s, for a scheduler to answer
+EXECUTOR_FORM = "expected local, or dask:ADDRESS such as dask:tcp://node1:8786"
 
 
 def check_executor(text: str) -> None:
     """UsageError for words that name none."""
     if text != "local" and not (text.startswith("dask:") and len(text) > len("dask:")):
-        raise UsageError(f"--executor {text!r}: {FORM}")
+        raise UsageError(f"--executor {text!r}: {EXECUTOR_FORM}")
 
 
 @contextlib.contextmanager
@@ -29,9 +29,10 @@ def executor_of(text: str, workers: int | None) -> Iterator[tuple[Executor | Non
         raise extra_needed(error) from None
     address = text.removeprefix("dask:")
     try:
-        client = Client(address, timeout=PATIENCE)
+        client = Client(address, timeout=SCHEDULER_TIMEOUT)
     except (OSError, ValueError) as error:
-        raise UsageError(f"--executor {text}: no scheduler answers there ({type(error).__name__}); {FORM}") from None
+        raise UsageError(f"--executor {text}: no scheduler answers there ({type(error).__name__}); "
+                         f"{EXECUTOR_FORM}") from None
     with client:
         threads = sum(client.nthreads().values())
         if threads == 0:

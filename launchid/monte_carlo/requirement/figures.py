@@ -12,7 +12,7 @@ from .grammar import Requirement
 from .order_statistics import Planned
 from .sequential import Sequential
 
-HEAD, TITLE, PANEL = 0.8, 0.2, 2.4  # inches: above the panels, of it above the title, a panel
+HEADROOM, TITLE, PANEL = 0.8, 0.2, 2.4  # inches: above the panels, of it above the title, a panel
 LOOKS = 60      # at a sequential test, evenly in log n
 LEGEND = {"fontsize": 7, "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "frameon": False, "ncol": 4}
 
@@ -22,7 +22,7 @@ def campaign_figure(report: dict[str, Any], requirements: Sequence[Requirement],
     metrics = [asked.metric for asked in requirements if asked.limit is not None] if requirements else list(METRICS)
     metrics = list(dict.fromkeys(metrics))
     rows = len(requirements) + len(metrics)
-    height = HEAD + PANEL * rows
+    height = HEADROOM + PANEL * rows
     figure = Figure(figsize=(9, height))
     verdict = f": {report['verdict']}" if report["verdict"] else ""
     figure.suptitle(f"{report['nominal']}, {report['flown']} flights, {report['lost']} lost{verdict}", fontsize=11,
@@ -34,7 +34,7 @@ def campaign_figure(report: dict[str, Any], requirements: Sequence[Requirement],
         _tail_panel(axis, metric, report, flights)
     for axis in axes:
         axis.grid(True, color="0.85", linewidth=0.6)
-    figure.subplots_adjust(top=1.0 - HEAD / height, bottom=0.5 / height, hspace=0.65)
+    figure.subplots_adjust(top=1.0 - HEADROOM / height, bottom=0.5 / height, hspace=0.65)
     return figure
 
 

@@ -17,7 +17,7 @@ from sim.disturbance_draws import drawn_offsets
 from sim.flight import dispersion, prepare
 from sim.nominal import Nominal
 from sim.vehicle.kernels import apart
-from sim.vehicle.record import ROW
+from sim.vehicle.record import LOG_ROW
 from sim.vehicle.step import advance
 
 from ..campaign import drawn_delta
@@ -26,9 +26,9 @@ from ..journal import Row
 # what a flight is judged by, in the order of the table's columns; units rad, rad/s
 METRICS = {
     "max_theta_error": "rad", "max_theta_dot": "rad/s", "max_alpha": "rad", "max_beta": "rad", "max_beta_rate": "rad/s"}
-JUDGED = ("lost", "end", *METRICS)
-OFFSET = "offset_"  # begins the names of what was drawn
-BLOCK = 500  # rows at a time: 64 kB, which stay near the processor
+JUDGED_COLUMNS = ("lost", "end", *METRICS)
+OFFSET_PREFIX = "offset_"  # begins the names of what was drawn
+ROWS_AT_A_TIME = 500  # rows at a time: 64 kB, which stay near the processor
 
 
 class FlightJob(NamedTuple):
@@ -52,10 +52,10 @@ def flight_job(nominal: Nominal, seed: int) -> FlightJob:
 def flown_row(row: Mapping[str, Any]) -> Row:
     """The columns that a flight is judged by, from the row that `Flyer` gives, or from its text; ValueError for a row
     that it does not give."""
-    if any(name not in JUDGED and not name.startswith(OFFSET) for name in row):
+    if any(name not in JUDGED_COLUMNS and not name.startswith(OFFSET_PREFIX) for name in row):
         raise ValueError("another column")
     try:
-        values = {name: float(row[name]) for name in JUDGED}
+        values = {name: float(row[name]) for name in JUDGED_COLUMNS}
     except (KeyError, TypeError, OverflowError) as error:
         raise ValueError(str(error)) from None
     if values["lost"] not in (0.0, 1.0) or any(x < 0.0 for x in values.values()):
@@ -78,8 +78,8 @@ class Flyer:
         factors = (1.0, 1.0) if nominal.uncertainty is None else dispersion(nominal, job.delta_a6, job.delta_k1)
         vehicle, steps = prepare(nominal, job.seed, "flight", simulation.step, *factors)
         peaks = np.zeros(len(METRICS))
-        fly_for_peaks(vehicle, steps, np.zeros(BLOCK, ROW), peaks)
-        offsets = {f"{OFFSET}{name}": value for name, value in drawn_offsets(nominal.offsets, job.seed).items()}
+        fly_for_peaks(vehicle, steps, np.zeros(ROWS_AT_A_TIME, LOG_ROW), peaks)
+        offsets = {f"{OFFSET_PREFIX}{name}": value for name, value in drawn_offsets(nominal.offsets, job.seed).items()}
         state = vehicle.flight[0]
         return {"lost": int(state.lost), "end": int(state.at) * simulation.step,
                 **dict(zip(METRICS, peaks.tolist(), strict=True)), **offsets}

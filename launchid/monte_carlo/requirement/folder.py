@@ -25,19 +25,19 @@ from sim.files import atomic_path, make_folder, write_text
 
 from ..campaign import Enough, run_campaign
 from ..folder_lock import locked
-from ..journal import ERROR, Outcome
+from ..journal import ERROR_COLUMN, Outcome
 from .flight import FlightJob, Flyer, flight_job, flight_jobs, flown_row
 from .grammar import requirement
 from .identity import Definition
 from .watch import Watch
 
-CAMPAIGN, FLIGHTS = "campaign.json", "flights.csv"
-JOURNAL = f"{FLIGHTS}.journal"
-LONGEST = 1 << 20  # bytes of a campaign.json: it has a few hundred
-MOST = 1 << 63     # seeds: as many as anybody flies
-SAME = ("format", "version", "nominal_sha256")  # of parts that make one campaign
-KINDS = {"format": str, "version": str, "nominal": str, "nominal_sha256": str, "seed": int, "flights": int,
-         "requirements": list, "stop": str}  # what stands in a campaign.json
+CAMPAIGN, FLIGHTS_FILE = "campaign.json", "flights.csv"
+JOURNAL = f"{FLIGHTS_FILE}.journal"
+CAMPAIGN_FILE = 1 << 20  # bytes of a campaign.json: it has a few hundred
+MOST_SEEDS = 1 << 63  # seeds: as many as anybody flies
+COMMON_KEYS = ("format", "version", "nominal_sha256")  # of parts that make one campaign
+KEY_TYPES = {"format": str, "version": str, "nominal": str, "nominal_sha256": str, "seed": int, "flights": int,
+             "requirements": list, "stop": str}  # what stands in a campaign.json
 
 
 @dataclass(frozen=True)
@@ -56,14 +56,15 @@ def fly(definition: Definition, folder: Path, executor: Executor | None, workers
         flyer(flight_job(definition.nominal, definition.seed))  # what cannot fly is said at once, and what compiles
     with _held(definition, folder):                             # does so once
         if not _is_done(folder):
-            run_campaign(flight_jobs(definition.nominal, definition.seed, definition.flights), flyer, folder / FLIGHTS,
+            run_campaign(flight_jobs(definition.nominal, definition.seed, definition.flights), flyer,
+                         folder / FLIGHTS_FILE,
                          executor, workers, progress=progress, enough=_enough(definition, folder / JOURNAL),
                          definition=json.dumps(definition.as_json()))
-        return read_flights(folder / FLIGHTS, definition)
+        return read_flights(folder / FLIGHTS_FILE, definition)
 
 
 def _is_done(folder: Path) -> bool:
-    return (folder / FLIGHTS).exists() and not (folder / JOURNAL).exists()
+    return (folder / FLIGHTS_FILE).exists() and not (folder / JOURNAL).exists()
 
 
 def _enough(definition: Definition, journal: Path) -> Enough:
@@ -91,9 +92,9 @@ def _held(definition: Definition, folder: Path) -> Iterator[None]:
     make_folder(folder)
     with locked(folder):
         if (folder / CAMPAIGN).exists():
-            _check_same(folder, definition, KINDS, "another campaign's folder", "expected a new one")
-        elif (folder / FLIGHTS).exists():
-            raise InputError(f"{folder / FLIGHTS}: a table without its {CAMPAIGN}; expected a new folder")
+            _check_same(folder, definition, KEY_TYPES, "another campaign's folder", "expected a new one")
+        elif (folder / FLIGHTS_FILE).exists():
+            raise InputError(f"{folder / FLIGHTS_FILE}: a table without its {CAMPAIGN}; expected a new folder")
         else:
             write_text(folder / CAMPAIGN, [json.dumps(definition.as_json(), indent=1), "\n"])
         yield
@@ -123,15 +124,15 @@ def read_campaign(folder: Path) -> dict[str, Any]:
     wrong = InputError(f"{path}: no campaign's definition; expected what `launchid campaign` wrote")
     try:
         with path.open("rb") as file:
-            text = file.read(LONGEST)
-        content = json.loads(text) if len(text) < LONGEST else None
+            text = file.read(CAMPAIGN_FILE)
+        content = json.loads(text) if len(text) < CAMPAIGN_FILE else None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, RecursionError):
         raise wrong from None
-    if not isinstance(content, dict) or any(type(content.get(key)) is not kind for key, kind in KINDS.items()):
+    if not isinstance(content, dict) or any(type(content.get(key)) is not kind for key, kind in KEY_TYPES.items()):
         raise wrong
-    if not 0 <= content["seed"] < MOST or not 1 <= content["flights"] < MOST or not all(
+    if not 0 <= content["seed"] < MOST_SEEDS or not 1 <= content["flights"] < MOST_SEEDS or not all(
             isinstance(text, str) for text in content["requirements"]):
         raise wrong
     return content
@@ -175,7 +176,7 @@ def table_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
             table = rows(str(path), file)
             line, header = next(table, (1, []))
             keys = len(FlightJob._fields)
-            if header[:keys] != list(FlightJob._fields) or header[-1] != ERROR:
+            if header[:keys] != list(FlightJob._fields) or header[-1] != ERROR_COLUMN:
                 raise InputError(f"{path}: not a table of flights; expected what `launchid campaign` wrote")
             yield line, header
             for line, cells in table:
@@ -203,27 +204,27 @@ def merge(definition: Definition, parts: Sequence[Path], folder: Path) -> tuple[
             kind = "are missing" if said.seed > seed else "stand twice"
             low, high = sorted((seed, said.seed))
             raise InputError(f"{part}: seeds from {low} to {high - 1} {kind}; expected parts of consecutive seeds")
-        read_flights(part / FLIGHTS, said)
+        read_flights(part / FLIGHTS_FILE, said)
         if _header(part) != header:
-            raise InputError(f"{part / FLIGHTS}: other columns than in {ordered[0][1] / FLIGHTS}")
+            raise InputError(f"{part / FLIGHTS_FILE}: other columns than in {ordered[0][1] / FLIGHTS_FILE}")
         seed += said.flights
     whole = replace(definition, seed=first, flights=seed - first)
     with _held(whole, folder):
-        with atomic_path(folder / FLIGHTS) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        with atomic_path(folder / FLIGHTS_FILE) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(header)
             for _, part in ordered:
-                writer.writerows(cells for _, cells in islice(table_rows(part / FLIGHTS), 1, None))
-        return whole, read_flights(folder / FLIGHTS, whole)
+                writer.writerows(cells for _, cells in islice(table_rows(part / FLIGHTS_FILE), 1, None))
+        return whole, read_flights(folder / FLIGHTS_FILE, whole)
 
 
 def _header(part: Path) -> list[str]:
-    return next(table_rows(part / FLIGHTS))[1]
+    return next(table_rows(part / FLIGHTS_FILE))[1]
 
 
 def _part(definition: Definition, part: Path) -> Definition:
     """The definition of a part; InputError if it is not one of this campaign's, or not flown yet."""
-    said = _check_same(part, definition, SAME, "a part of another campaign", "expected parts of this one")
+    said = _check_same(part, definition, COMMON_KEYS, "a part of another campaign", "expected parts of this one")
     if not _is_done(part):
         raise InputError(f"{part}: not flown to its end; run its command again")
     return replace(definition, seed=said["seed"], flights=said["flights"], requirements=())

@@ -18,8 +18,8 @@ from .flight import METRICS
 
 NUMBER = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 PERCENT = re.compile(rf"{NUMBER}\s*%", re.ASCII)   # as a share
-FORM = re.compile(rf"\s*(\w+)\s*<\s*{NUMBER}\s*(?::\s*{NUMBER}\s*)?@\s*{NUMBER}\s*", re.ASCII)
-LONGEST = 60  # characters of a wrong text that are shown
+REQUIREMENT = re.compile(rf"\s*(\w+)\s*<\s*{NUMBER}\s*(?::\s*{NUMBER}\s*)?@\s*{NUMBER}\s*", re.ASCII)
+SHOWN_TEXT = 60  # characters of a wrong text that are shown
 EXPECTED = ("expected lost<PROBABILITY@CONFIDENCE as in 'lost<0.00135@0.9', or METRIC<VALUE:SHARE@CONFIDENCE as in "
             "'max_alpha<0.2:0.99@0.9'")
 
@@ -43,7 +43,7 @@ class Requirement:
 
 def requirement(text: str) -> Requirement:
     """UsageError, one line, for a text that is none."""
-    match = FORM.fullmatch(PERCENT.sub(lambda found: str(Decimal(found[1]) / 100), text))
+    match = REQUIREMENT.fullmatch(PERCENT.sub(lambda found: str(Decimal(found[1]) / 100), text))
     if match is None:
         raise _wrong(text, EXPECTED)
     metric, limit, share, confidence = match.groups()
@@ -67,5 +67,5 @@ def _between(text: str, name: str, number: str) -> None:
 
 
 def _wrong(text: str, why: str) -> UsageError:
-    shown = text if len(text) <= LONGEST else text[:LONGEST] + "..."
+    shown = text if len(text) <= SHOWN_TEXT else text[:SHOWN_TEXT] + "..."
     return UsageError(f"--requirement {shown!r}: {why}")

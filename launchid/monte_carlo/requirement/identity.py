@@ -10,7 +10,7 @@ import numpy as np
 from launchid_core import __version__
 from sim.nominal import Nominal
 
-FORMAT = "launchid flights 1"
+FLIGHTS_FORMAT = "launchid flights 1"
 NOT_FLOWN = ("name", "diagnosis")  # of a nominal: how it is called and judged
 
 
@@ -26,7 +26,7 @@ class Definition:
 
     def as_json(self) -> dict[str, Any]:
         """The definition as it stands in the folder's campaign.json."""
-        return {"format": FORMAT, "version": __version__, "nominal": self.nominal.name,
+        return {"format": FLIGHTS_FORMAT, "version": __version__, "nominal": self.nominal.name,
                 "nominal_sha256": digest_of(self.nominal), "seed": self.seed, "flights": self.flights,
                 "requirements": list(self.requirements), "stop": "never" if self.planned else "decided"}
 

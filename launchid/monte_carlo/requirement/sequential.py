@@ -29,7 +29,7 @@ from .order_statistics import halved
 
 BETS = 64                # more change no boundary by a hundredth
 SPREAD = (np.arange(BETS) + 0.5) / BETS
-LEAST = 1e-15            # a probability that no campaign can tell from 0
+MIN_PROBABILITY = 1e-15  # a probability that no campaign can tell from 0
 
 
 def log_evidence(n: int, failures: int, probability: float, others: np.ndarray) -> float:
@@ -82,8 +82,8 @@ class Sequential:
         share = failures / n
         upper = 1.0 if failures == n else halved(share, 1.0, lambda p: self._convinces(n, failures, p, below))
         lower = 0.0 if failures == 0 else math.exp(halved(
-            math.log(share), math.log(LEAST), lambda x: self._convinces(n, failures, math.exp(x), above)))
-        return lower if lower > LEAST else 0.0, upper
+            math.log(share), math.log(MIN_PROBABILITY), lambda x: self._convinces(n, failures, math.exp(x), above)))
+        return lower if lower > MIN_PROBABILITY else 0.0, upper
 
     def _convinces(self, n: int, failures: int, probability: float, others: Callable[[float], np.ndarray]) -> bool:
         if not 0.0 < probability < 1.0:

@@ -10,14 +10,14 @@ from launchid.bound.information import DIFFUSE, window_information
 from launchid.bound.matrices import bounds_of, without_offset
 from launchid.bound.step import FIRST_ORDER, fill, transition
 from launchid.bound.world import (
-    ATTITUDE_BIAS,
-    GYRO_BIAS,
-    MISALIGNMENT,
-    MOMENT,
-    NOZZLE_BIAS,
-    PATH,
-    TURBULENCE,
-    WALK,
+    ATTITUDE_BIAS_STATE,
+    GYRO_BIAS_STATE,
+    MISALIGNMENT_STATE,
+    MOMENT_STATE,
+    NOZZLE_BIAS_STATE,
+    PATH_STATE,
+    TURBULENCE_STATE,
+    WALK_STATE,
     World,
     calm,
 )
@@ -33,9 +33,11 @@ NOISES = np.array([3.5e-4, 5.2e-4, 3.5e-4, 7e-4, 8.7e-4])**2
 UNSURE = Offsets(thrust_misalignment=0.004, attitude_bias=0.005)
 WINDY = Wind(walk=0.005, turbulence=0.005)
 NUISANCES = {  # role: (spread at the start, spread that a square root of a second adds, time constant)
-    "offsets": {ATTITUDE_BIAS: (0.005, 0.0, np.inf), MISALIGNMENT: (0.004, 0.0, np.inf), GYRO_BIAS: (1e-3, 0.0, np.inf),
-                MOMENT: (0.01, 0.0, np.inf), NOZZLE_BIAS: (1e-3, 0.0, np.inf)},
-    "wind": {WALK: (0.02, 0.005, np.inf), TURBULENCE: (0.005, 0.0, 1.0), ATTITUDE_BIAS: (0.005, 0.0, np.inf)}}
+    "offsets": {ATTITUDE_BIAS_STATE: (0.005, 0.0, np.inf), MISALIGNMENT_STATE: (0.004, 0.0, np.inf),
+                GYRO_BIAS_STATE: (1e-3, 0.0, np.inf),
+                MOMENT_STATE: (0.01, 0.0, np.inf), NOZZLE_BIAS_STATE: (1e-3, 0.0, np.inf)},
+    "wind": {WALK_STATE: (0.02, 0.005, np.inf), TURBULENCE_STATE: (0.005, 0.0, 1.0),
+             ATTITUDE_BIAS_STATE: (0.005, 0.0, np.inf)}}
 
 
 # ---- a plain filter of the same vehicle, written down once more
@@ -49,12 +51,13 @@ def plain(nuisances: dict, a6: float, k1: float, wind_a6: float) -> tuple[np.nda
     a[1, 0], a[1, 2] = a6, k1
     a[3, 2:4], a[3, n] = (-FREQUENCY**2, -2 * DAMPING * FREQUENCY), FREQUENCY**2
     for c, (role, (spread, walk, fade)) in enumerate(nuisances.items(), 4):
-        a[1, c] = {WALK: wind_a6, TURBULENCE: wind_a6, MISALIGNMENT: k1, MOMENT: 1.0}.get(role, 0.0)
+        a[1, c] = {WALK_STATE: wind_a6, TURBULENCE_STATE: wind_a6, MISALIGNMENT_STATE: k1, MOMENT_STATE: 1.0}.get(role,
+                                                                                                                  0.0)
         a[c, c] = -1.0 / fade
         white[c] = walk**2 + 2.0 * spread**2 / fade
         start[c, c] = spread**2
-        if role >= ATTITUDE_BIAS:
-            h[role - ATTITUDE_BIAS, c] = 1.0
+        if role >= ATTITUDE_BIAS_STATE:
+            h[role - ATTITUDE_BIAS_STATE, c] = 1.0
     f = linalg.expm(a * H)
     loan = linalg.expm(np.block([[-a[:n, :n], np.diag(white)], [np.zeros((n, n)), a[:n, :n].T]]) * H)
     q = loan[n:, n:].T @ loan[:n, n:]
@@ -199,7 +202,7 @@ def test_larger_nuisances_never_lower_the_bound():
     found = []
     for factor in (0.3, 1.0, 3.0):
         start = factor**2 * np.tile([[0.05**2], [0.005**2], [0.004**2]], n)
-        world = World(np.array([WALK, TURBULENCE, MISALIGNMENT]), start,
+        world = World(np.array([WALK_STATE, TURBULENCE_STATE, MISALIGNMENT_STATE]), start,
                       np.array([factor * 0.005, 0.0, 0.0])**2, np.array([np.inf, 1.0, np.inf]), *calm(n)[4:8],
                       restarts=True, levels_known=False)
         table = np.zeros((2, 6, 6))
@@ -262,7 +265,7 @@ def test_a_step_of_vehicle_air_and_flight_path_is_the_matrix_exponential():
     """gamma_dot = z_alpha (theta - gamma + w) + z_beta (beta + m), followed as a state, but for what is of second order
     in a step; so are the derivatives."""
     z_alpha, z_beta, h = -0.5, -0.3, 0.01
-    role = np.array([PATH, WALK, MISALIGNMENT])
+    role = np.array([PATH_STATE, WALK_STATE, MISALIGNMENT_STATE])
     world = World(role, np.zeros((3, 1)), np.zeros(3), np.full(3, np.inf), np.zeros(1), np.array([[z_alpha], [z_beta]]),
                   np.zeros(1), 0.0, True, True)
 

@@ -11,7 +11,7 @@ import pytest
 
 import launchid
 from sim.nominal import load_nominal, write_nominal
-from sim.shown import MOST_ROWS, with_std
+from sim.shown import NOTEBOOK_ROWS, with_std
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figures")
 pandas = pytest.importorskip("pandas", reason="pandas is not installed: no frames")
@@ -115,7 +115,7 @@ def test_a_notebook_shows_its_first_line_and_a_short_table(folder, name):
     result = made(name, folder)
     page = result._repr_html_()
     assert page.startswith("<p><b>") and "<table>" in page and "<script" not in page
-    assert page.count("<tr>") == min(len(result.to_frame()), MOST_ROWS) + 1
+    assert page.count("<tr>") == min(len(result.to_frame()), NOTEBOOK_ROWS) + 1
 
 
 # ---- a log and a nominal

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from launchid.comparison.statistics import NONE, statistics
+from launchid.comparison.statistics import NO_STATISTICS, statistics
 
 Z = np.array([0.0, 1.0, 2.0, 3.0])
 
@@ -63,4 +63,4 @@ def test_values_that_one_of_them_lacks_do_not_count():
 
 
 def test_fewer_than_two_values_have_none():
-    assert statistics(Z[:1], Z[:1]) is NONE and statistics(Z, np.full(4, math.nan)) is NONE
+    assert statistics(Z[:1], Z[:1]) is NO_STATISTICS and statistics(Z, np.full(4, math.nan)) is NO_STATISTICS

@@ -10,7 +10,7 @@ from test_diagnosis import LONG, NOMINAL, flown, found, lasting, named
 
 from launchid.diagnosis.adapter import follow, read
 from launchid.diagnosis.answer import extension, report
-from launchid.diagnosis.controller.check import NONE, check_controller
+from launchid.diagnosis.controller.check import NO_MISMATCH, check_controller
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.gaps import filled, on_board
 from launchid.diagnosis.controller.issued import with_commands
@@ -42,7 +42,7 @@ def test_commands_that_cannot_be_of_this_attitude_and_reference_are_another_s():
     made = check_controller(record(far, NOMINAL, check(log, NOMINAL)))
     assert made is not None and made.is_foreign and made.before > 0.1
     both = dataclasses.replace(far, theta_ref=log.theta_ref + 3.0)
-    assert check_controller(record(both, NOMINAL, check(log, NOMINAL))).kind == NONE
+    assert check_controller(record(both, NOMINAL, check(log, NOMINAL))).kind == NO_MISMATCH
 
 
 SLOW = 0.02  # s: a log of every other command
@@ -153,7 +153,7 @@ def told_of_filtered(effect, rows=slice(None), period=None):
 
 @pytest.mark.parametrize("rows", [slice(None), slice(1000, None), np.r_[:800, 803:3000]])
 def test_a_filtered_controller_is_recognised_wherever_the_log_begins_and_whatever_it_lost(rows):
-    assert told_of_filtered((), rows).kind == NONE
+    assert told_of_filtered((), rows).kind == NO_MISMATCH
     told = told_of_filtered(("controller_mismatch:kp_scale=1.06,kd_scale=0.91,delay=0.01",), rows)
     assert told.kind == "gain and delay"
     assert (told.kp_scale, told.kd_scale, told.delay) == pytest.approx((1.06, 0.91, 0.01), abs=2e-4)

@@ -8,7 +8,7 @@ from test_diagnosis import WHOLE, log_of
 
 from launchid.diagnosis.adapter import FEWEST_ROWS
 from launchid.diagnosis.answer import headline
-from launchid.diagnosis.controller.check import FILTER, GAIN, NONE, check_controller
+from launchid.diagnosis.controller.check import GAIN, NO_MISMATCH, OTHER_FILTER, check_controller
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
@@ -41,7 +41,7 @@ def kind(log):
 
 @pytest.mark.parametrize(("begin", "length"), [(0.0, 25.0), (TURNING, 0.6), (12.0, 5.0)])
 def test_the_nominal_s_controller_is_recognised_wherever_its_log_begins(begin, length):
-    assert kind(cut(flown(), begin, begin + length)).kind == NONE
+    assert kind(cut(flown(), begin, begin + length)).kind == NO_MISMATCH
 
 
 @pytest.mark.parametrize("begin", [0.0, TURNING])
@@ -54,7 +54,7 @@ def test_a_mismatch_is_named_exactly_wherever_its_log_begins(begin):
 
 def test_another_filter_is_another_one_wherever_its_log_begins():
     found = kind(cut(flown(derivative_time_constant=0.08), TURNING))
-    assert found.kind == FILTER and found.time_constant == pytest.approx(0.08, rel=1e-4)
+    assert found.kind == OTHER_FILTER and found.time_constant == pytest.approx(0.08, rel=1e-4)
 
 
 @pytest.mark.campaign

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from launchid.diagnosis.answer import extension
-from launchid.diagnosis.controller.check import NONE, UNKNOWN, check_controller
+from launchid.diagnosis.controller.check import NO_MISMATCH, UNKNOWN_LAW, check_controller
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
@@ -50,7 +50,7 @@ def checked(log, nominal):
 def test_the_nominals_own_commands_are_its_own():
     for limit in (0.25, 0.02):   # which holds the integral
         made = checked(log_of(limit=limit), missile(limit=limit))
-        assert made is not None and made.kind == NONE and made.before < 1e-9
+        assert made is not None and made.kind == NO_MISMATCH and made.before < 1e-9
 
 
 @pytest.mark.parametrize(("kp", "delay", "limit"), [(1.3, 0.0, 0.25), (0.8, 0.005, 0.25), (1.0, 0.0123, 0.25),
@@ -71,7 +71,7 @@ def test_a_test_input_is_scaled_by_no_gain():
 
 def test_another_integral_is_said_and_no_cause():
     made = checked(log_of(ki=1.5), missile())
-    assert made is not None and made.kind == UNKNOWN and made.is_foreign
+    assert made is not None and made.kind == UNKNOWN_LAW and made.is_foreign
     assert made.integral_scale == pytest.approx(1.5, abs=1e-3) and "1.5 times the nominal's ki" in made.words
 
 

@@ -12,7 +12,7 @@ import pytest
 from hidden import LISTED, OTHER, PLAIN, UNLISTED
 
 from launchid.log.log import measured_logs, read_log
-from sim.nominal import BUILT_IN, STANDS
+from sim.nominal import BUILT_IN, STAND_NOMINALS
 
 BENCHMARKS = Path(__file__).resolve().parents[3] / "benchmarks"
 JUDGES = {"bam_xl330_kp400_lift_and_drop", "aeropendulum_aprbs_1"}  # nothing may be chosen on them
@@ -68,7 +68,7 @@ def test_every_measured_log_of_the_package_has_its_label_and_the_judges_are_mark
     assert set(measured_logs()) <= set(measured)
     assert {name for name, case in measured.items() if case.part == "judge"} == JUDGES
     assert not any(case.source[1] in JUDGES for case in CASES if case.kind != "measured")
-    assert all(case.nominal in STANDS or case.nominal in NOMINALS for case in measured.values())
+    assert all(case.nominal in STAND_NOMINALS or case.nominal in NOMINALS for case in measured.values())
 
 
 def test_every_cause_in_both_forms_and_every_effect_that_nobody_listed_is_hidden_somewhere():

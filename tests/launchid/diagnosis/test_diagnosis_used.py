@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.data.used import RESOLVED, SLOWEST, cut, shortened, slowest, sparser, used
+from launchid.diagnosis.data.used import LONGEST_PERIOD, MOTION_STEP, cut, shortened, slowest, sparser, used
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED, Log
 from sim.flight import fly_whole
@@ -43,8 +43,8 @@ def test_a_large_log_is_thinned_and_then_cut():
     """600 rows at 10 ms, of which 100 may be used: every second, 20 ms apart, and of those the 100 with most input."""
     r = as_record(0.01)
     made, said = used(r, r.t, most=100)
-    assert made.rows == 100 and made.period == pytest.approx(SLOWEST)
-    assert said.every == 2 and said.end - said.begin == pytest.approx(99 * SLOWEST)
+    assert made.rows == 100 and made.period == pytest.approx(LONGEST_PERIOD)
+    assert said.every == 2 and said.end - said.begin == pytest.approx(99 * LONGEST_PERIOD)
     assert "100 rows are fitted, one in 2 from" in said.words
 
 
@@ -52,10 +52,10 @@ def test_a_fast_vehicle_s_own_oscillation_stays_resolved():
     """A pendulum of 60 Hz in a log of 1 kHz, of which one row in three seemed a nozzle's inertia."""
     nominal = load_nominal(built_in("constant"))
     fast = np.array([-(2.0 * np.pi * 60.0)**2])
-    assert slowest(nominal, fast) == pytest.approx(RESOLVED / (2.0 * np.pi * 60.0))
+    assert slowest(nominal, fast) == pytest.approx(MOTION_STEP / (2.0 * np.pi * 60.0))
     swinging = dataclasses.replace(nominal, terms=(("sin(theta)", float(fast[0])), ("theta_dot", -1e9)))
     assert slowest(swinging, np.zeros(1)) == slowest(nominal, -fast) == slowest(nominal, fast)
-    assert slowest(nominal, np.zeros(1)) == slowest(nominal, np.array([-68.0, 4.0])) == SLOWEST
+    assert slowest(nominal, np.zeros(1)) == slowest(nominal, np.array([-68.0, 4.0])) == LONGEST_PERIOD
     r = as_record(0.002)
     r = dataclasses.replace(r, nominal=dataclasses.replace(r.nominal, vehicle=constant_profile(-1e4, 1.0)))   # 1.5 rows
     made, said = used(r, r.t, most=1000)

@@ -8,7 +8,7 @@ from hidden import OTHER, draw_spec, fly
 
 from launchid.diagnosis.adapter import read
 from launchid.diagnosis.answer import lines, report
-from launchid.diagnosis.candidates import KINDS, usual
+from launchid.diagnosis.candidates import CANDIDATE_KINDS, usual
 from launchid.diagnosis.estimate import fit_levels
 from launchid.diagnosis.model import Model
 from launchid.diagnosis.verdict import diagnose
@@ -85,5 +85,5 @@ def test_whitened_innovations_of_the_truth_are_white(clean):
 
 
 def test_every_listed_cause_of_the_table_is_in_the_catalogue(clean):
-    causes = {each.cause for each in (*clean.numbers, *KINDS)} - {""}
+    causes = {each.cause for each in (*clean.numbers, *CANDIDATE_KINDS)} - {""}
     assert causes <= set(CATALOGUE)

@@ -12,8 +12,8 @@ import pytest
 
 import launchid
 from launchid.cli.main import main
-from launchid.log.log import MEASURED, measured_logs, read_log
-from sim.nominal import STANDS, load_nominal
+from launchid.log.log import MEASURED_LOGS, measured_logs, read_log
+from sim.nominal import STAND_NOMINALS, load_nominal
 
 DEVICE = (20.3, 21.4)  # 1/s^2
 WITH_FRICTION, WITHOUT = "sin(theta),beta,sign(theta_dot)", "sin(theta),beta"
@@ -99,13 +99,13 @@ def test_what_is_neither_file_nor_name_is_told_the_names(capsys):
     assert "did you mean dfki_pendulum_d" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", STANDS)
+@pytest.mark.parametrize("name", STAND_NOMINALS)
 def test_the_stands_nominals_are_read_by_name(name):
     assert load_nominal(name).name == name
 
 
 def test_every_log_has_its_source_and_its_licence_beside_it():
-    sources = (MEASURED / "SOURCES.md").read_text(encoding="utf-8")
+    sources = (MEASURED_LOGS / "SOURCES.md").read_text(encoding="utf-8")
     assert all(f"`{name}`" in sources for name in measured_logs())
-    licences = {path.name for path in MEASURED.glob("LICENCE-*.txt")}
+    licences = {path.name for path in MEASURED_LOGS.glob("LICENCE-*.txt")}
     assert len(licences) == 3 and all(f"`{name}`" in sources for name in licences)

@@ -7,7 +7,7 @@ import warnings
 import pytest
 
 import launchid
-from launchid.diagnosis.data.used import MOST
+from launchid.diagnosis.data.used import ROWS_FITTED
 from sim.nominal import Nominal, load_nominal
 
 
@@ -45,7 +45,7 @@ def test_a_million_rows_are_diagnosed_and_it_is_said_which(nominal):
     assert len(log.t) == once
     made = launchid.diagnose(log, long)
     used = made.diagnosis.used
-    assert used is not None and used.rows <= MOST
+    assert used is not None and used.rows <= ROWS_FITTED
     assert math.isclose(used.end - used.begin, used.rows * used.every * period, rel_tol=0.01)
     assert f"  {used.words}" in made.summary().splitlines()
     assert made.verdict == "consistent", made.summary()

@@ -25,7 +25,7 @@ from launchid.log.log import measured_logs, read_log
 from launchid.log.stamps import usable_rows
 from sim.csv_text import AS_TEXT, rows
 from sim.errors import InputError
-from sim.log_table import BLOCK, Columns, number, numbers
+from sim.log_table import ROWS_A_BLOCK, Columns, number, numbers
 
 
 @every("case", MALFORMED)
@@ -137,7 +137,7 @@ def test_a_log_that_grows_while_it_is_read_is_its_rows_so_far_or_this_line(tmp_p
     assert len(read_log(log).t) == 8_000 and seen
 
 
-@pytest.mark.parametrize("count", [1, BLOCK - 1, BLOCK, BLOCK + 1])
+@pytest.mark.parametrize("count", [1, ROWS_A_BLOCK - 1, ROWS_A_BLOCK, ROWS_A_BLOCK + 1])
 def test_a_cut_line_is_the_last_whatever_the_file_has_got_meanwhile(tmp_path, count):
     """The file has the line's other half by the time that it is read again; also where a block of rows ends."""
     log = tmp_path / "log.csv"
@@ -215,9 +215,9 @@ def test_a_block_s_numbers_are_those_of_its_cells_one_by_one():
     assert math.isnan(numbers(["1", ""])[1])
 
 
-@pytest.mark.parametrize("at", [0, BLOCK - 1, BLOCK, 2 * BLOCK + 5])
+@pytest.mark.parametrize("at", [0, ROWS_A_BLOCK - 1, ROWS_A_BLOCK, 2 * ROWS_A_BLOCK + 5])
 def test_the_line_is_right_in_every_block(tmp_path, at):
-    lines = [b"%d,1,2" % k for k in range(2 * BLOCK + 10)]
+    lines = [b"%d,1,2" % k for k in range(2 * ROWS_A_BLOCK + 10)]
     lines[at] = b"%d,x,2" % at
     (tmp_path / "log.csv").write_bytes(HEAD + b"\n".join(lines))
     with pytest.raises(InputError, match=f"line {at + 2}, column theta: 'x' is no number"):

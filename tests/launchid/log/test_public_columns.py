@@ -11,7 +11,7 @@ import pytest
 
 from launchid.commands.identify import Identification, identify
 from launchid.log.log import log_of
-from launchid.log.rates import HELD, INTERPOLATED, OWN, rate_of
+from launchid.log.rates import HELD_WORD, INTERPOLATED, OWN, rate_of
 from launchid.log.stops import end_stops
 
 A6, K1 = 2.0, -6.0
@@ -44,7 +44,7 @@ def flown(seed: int, hold: float = ROW, seconds: float = 8.0, row: float = ROW,
 def slower(x: np.ndarray, every: int, kind: str) -> np.ndarray:
     """A column as a logger or a resampling writes it whose channel has one value in so many rows."""
     at = np.arange(len(x))
-    return x[at // every * every] if kind == HELD else np.interp(at, at[::every], x[::every])
+    return x[at // every * every] if kind == HELD_WORD else np.interp(at, at[::every], x[::every])
 
 
 def asked(columns: dict[str, np.ndarray], window: float | str = "all", **choices) -> tuple[Identification, str]:
@@ -83,7 +83,7 @@ def test_a_command_between_whose_values_lines_were_drawn_gives_no_number(every):
 def test_a_command_of_a_slower_topic_is_said_and_its_numbers_know_of_it(every):
     flight = flown(SEED)
     for window in ("all", 2.0):
-        made, said = asked(flight | {"beta": slower(flight["beta"], every, HELD)}, window)
+        made, said = asked(flight | {"beta": slower(flight["beta"], every, HELD_WORD)}, window)
         assert f"beta is of {250.0 / every:.3g} Hz, each value repeated" in said and "froze" not in said
         assert max(off(made), default=0.0) < MOST
 
@@ -194,7 +194,7 @@ def test_a_command_s_limit_is_no_sensor_s_stop():
     pytest.param(lambda t, rng: np.round(0.01 * rng.normal(size=len(t)), 3), id="noise of a few quanta"),
     pytest.param(lambda t, rng: np.where(t < 5.0, 0.3, 0.3 + 0.1 * np.sin(t - 5.0) ** 2), id="at rest at first"),
     pytest.param(lambda t, rng: 0.2 * (1.0 - np.exp(-np.minimum(t, 40.0 / 2.0))), id="comes to rest"),
-    pytest.param(lambda t, rng: slower(rng.normal(size=len(t)), 10, HELD), id="a slower channel"),
+    pytest.param(lambda t, rng: slower(rng.normal(size=len(t)), 10, HELD_WORD), id="a slower channel"),
     pytest.param(lambda t, rng: np.full(len(t), 0.2), id="constant"),
     pytest.param(lambda t, rng: rng.normal(size=len(t)), id="noise")])
 def test_what_is_no_end_stop(x):

@@ -16,7 +16,7 @@ import pytest
 from launchid.cli.main import main
 from launchid.commands.campaign import campaign
 from launchid.monte_carlo.folder_lock import LOCK, locked
-from launchid.monte_carlo.requirement.folder import CAMPAIGN, FLIGHTS, JOURNAL
+from launchid.monte_carlo.requirement.folder import CAMPAIGN, FLIGHTS_FILE, JOURNAL
 from sim.nominal import Nominal, Offsets, load_nominal, write_nominal
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -142,7 +142,7 @@ TABLES: dict[str, Damage] = {
 @pytest.mark.parametrize("name", ["whole", "stopped"])
 def test_a_finished_table_is_not_believed(place, capsys, name):
     """Exit status 3 where it is judged again, and as a part; nothing in the folder changes."""
-    table = place / name / FLIGHTS
+    table = place / name / FLIGHTS_FILE
     for damage in damaged(table, TABLES):
         before = files(place / name)
         assert str(table) in refused(capsys, place, *again(place, name)), damage
@@ -154,7 +154,8 @@ def test_a_finished_table_is_not_believed(place, capsys, name):
 def test_a_table_that_stopped_ends_where_the_requirement_was_decided(place, flown, capsys):
     """No row earlier, and not a row later but with all of them, as a merged table has."""
     nominal = load_nominal(place / "n.toml")
-    table, whole = place / "stopped" / FLIGHTS, (flown / "whole" / FLIGHTS).read_bytes().splitlines(keepends=True)
+    table = place / "stopped" / FLIGHTS_FILE
+    whole = (flown / "whole" / FLIGHTS_FILE).read_bytes().splitlines(keepends=True)
     decided = table.read_bytes().count(b"\n") - 1
     for rows in range(N + 1):
         table.write_bytes(b"".join(whole[:rows + 1]))
@@ -267,4 +268,4 @@ def test_a_second_run_is_refused_and_a_killed_one_leaves_no_lock(tmp_path, capsy
     seen: list[int] = []
     made = campaign(nominal, out=tmp_path / "out", flights=150, workers=1, progress=seen.append)
     assert made.report["flown"] == 150 and seen[0] >= 10, "finished flights are kept"
-    assert set(files(tmp_path / "out")) == {CAMPAIGN, FLIGHTS, "verdict.json"}
+    assert set(files(tmp_path / "out")) == {CAMPAIGN, FLIGHTS_FILE, "verdict.json"}

@@ -15,7 +15,15 @@ from launchid.cli.main import main
 from launchid.robustness import flight_margins as fm
 from launchid.robustness.lft import lft_at, loop_gain, sample, spectral_radius
 from launchid.robustness.loops import Plants, loops, plants_of
-from launchid.robustness.margin_spread import NAMES, Interval, Known, Spread, margin_spread, margin_table, normal_points
+from launchid.robustness.margin_spread import (
+    MARGIN_NAMES,
+    Interval,
+    Known,
+    Spread,
+    margin_spread,
+    margin_table,
+    normal_points,
+)
 from launchid_core import Change
 from sim.effects import effect
 from sim.errors import InputError, UsageError
@@ -130,7 +138,7 @@ def test_intervals_are_those_of_brute_force(mean, std):
     draws[:, 2:4] = np.maximum(draws[:, 2:4], 1e-3)
     table = margin_table(loops(plants_of(draws), PD))
     spread = margin_spread(of, PD)
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(MARGIN_NAMES):
         interval, column = getattr(spread, name), table[:, k]
         found = np.array([interval.low, interval.high])
         if name == "gain_low_db":  # its factor: in dB the tail of a plant that is hardly unstable has no end
@@ -149,7 +157,7 @@ def test_intervals_hold_the_truth_in_95_of_100():
     table = margin_table(loops(plants_of(truth.mean[None]), PD))[0]
     drawn = np.random.default_rng(4).multivariate_normal(truth.mean, truth.covariance, 60)
     spreads = [margin_spread(Known(mean, truth.covariance), PD) for mean in drawn]
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(MARGIN_NAMES):
         held_truth = [getattr(each, name).low <= table[k] <= getattr(each, name).high for each in spreads]
         assert 0.87 <= np.mean(held_truth)
 
@@ -168,7 +176,7 @@ def test_a_plant_that_may_be_stable_has_a_one_sided_low_gain_margin():
     spread = margin_spread(known((1.0, -7.0, 50.0, 0.7, 0.0), (0.8, 0.1, 0, 0, 0)), PD)
     assert spread.gain_low_db.low == -math.inf and -25.0 < spread.gain_low_db.high < -6.0
     assert math.isnan(spread.gain_low_db.std) and math.isfinite(spread.phase_deg.low)
-    assert fm.margins_json(fm.Judged(fm.OK, None, spread))["gain_low_db"]["low"] is None
+    assert fm.margins_json(fm.Judged(fm.OK_MARK, None, spread))["gain_low_db"]["low"] is None
 
 
 def test_a_loop_that_may_be_unstable_says_how_probably():
@@ -183,7 +191,7 @@ def test_a_loop_that_may_be_unstable_says_how_probably():
 
 def test_what_is_known_exactly_has_no_interval():
     spread = margin_spread(Known(np.array(CENTRES[0]), np.zeros((5, 5))), PD)
-    for k, name in enumerate(NAMES):
+    for k, name in enumerate(MARGIN_NAMES):
         value = margin_table(loops(plants_of(np.array([CENTRES[0]])), PD))[0, k]
         assert getattr(spread, name) == Interval(value, 0.0, value, value)
 
@@ -215,7 +223,7 @@ def test_margins_of_a_flight_are_the_frozen_truths(made):
         k1 = -7.0 if window.t_end < 32.0 else -7.0 * 0.55
         truth = margin_table(loops(plants_of(np.array([[2.0, k1, 50.0, 0.7, 0.0]])), PD))[0]
         for spread, most in ((window.window.spread, 4.0), (tracked.spread, 4.0)):
-            for k, name in enumerate(NAMES):
+            for k, name in enumerate(MARGIN_NAMES):
                 interval = getattr(spread, name)
                 half = max(interval.high - interval.value, interval.value - interval.low) / 1.96
                 assert abs(interval.value - truth[k]) <= most * half
@@ -223,7 +231,7 @@ def test_margins_of_a_flight_are_the_frozen_truths(made):
 
 def test_a_window_of_a_sudden_change_has_no_margins(made):
     statuses = {window["t_start"]: window["status"] for window in made.report["windows"]}
-    assert statuses[30.0] == fm.CHANGE and statuses[25.0] == statuses[35.0] == "OK"
+    assert statuses[30.0] == fm.CHANGE_MARK and statuses[25.0] == statuses[35.0] == "OK"
     assert made.windows[6].window.spread is None and made.windows[6].tracked.status == "OK"  # settled at 35 s
     nothing = made.report["windows"][6]["phase_deg"]
     assert nothing == {"value": None, "std": None, "low": None, "high": None}
@@ -233,14 +241,14 @@ def test_an_open_change_closes_the_tracked_margins(made):
     open_now = [Change(34.0, 0.05, "k1", -7.0, -4.0, 3.0, 0.3, 34.2, False)]
     estimates = launchid.identify(made.log, "constant", window=5.0, tracked=True).estimates
     windows = fm.flight_margins(CONSTANT, estimates, open_now)
-    assert windows[6].tracked.status == fm.CHANGE and windows[7].tracked.status == "OK"
+    assert windows[6].tracked.status == fm.CHANGE_MARK and windows[7].tracked.status == "OK"
 
 
 def test_the_json_is_the_contracts(made):
     said = json.loads(made.to_json())
     assert list(said) == ["windows", "actuator", "below", "may_be_below", "findings", "assumed"]
     first = said["windows"][0]
-    assert list(first) == ["t_start", "t_end", "valid", "status", *NAMES, "stable", "tracked"]
+    assert list(first) == ["t_start", "t_end", "valid", "status", *MARGIN_NAMES, "stable", "tracked"]
     assert list(first["phase_deg"]) == ["value", "std", "low", "high"] and list(first["stable"]) == ["probability"]
     assert set(said["actuator"]) == {"natural_frequency", "damping_ratio", "delay"}
     assert said["actuator"]["natural_frequency"] == {"value": 50.0, "std": 0.0}
@@ -364,7 +372,7 @@ def test_an_unknown_servo_is_estimated_and_is_in_the_margins(slow):
     assert said == {"value": found.servo.mean[2], "std": std[2]}
     truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 36.0, 0.7, 0.0152]])), PD))[0]
     held_truth = np.array([[getattr(of.spread, name).low <= x <= getattr(of.spread, name).high
-                            for name, x in zip(NAMES, truth, strict=True)]
+                            for name, x in zip(MARGIN_NAMES, truth, strict=True)]
                            for window in found.windows for of in (window.window, window.tracked)])
     assert held_truth.mean() > 0.85 and len(held_truth) == 12
     assert "servo as estimated" in found.summary()

@@ -10,7 +10,7 @@ import launchid
 from launchid.controller_replay import Replay, replay, rms
 from launchid.onboard import onboard_model
 from launchid.robustness.loops import loops, plants_of
-from launchid.robustness.margin_spread import NAMES, margin_table
+from launchid.robustness.margin_spread import MARGIN_NAMES, margin_table
 from launchid.robustness.servo_check import contradictions, followed
 from launchid.sources import read_log
 from sim.effects import effect
@@ -174,7 +174,7 @@ def test_no_margins_are_given_of_a_controller_that_did_not_fly():
     found = launchid.margins(flown(replace(CONSTANT, controller=replace(PD, kd=0.3))), CONSTANT, tracked=True)
     for each in found.report["windows"]:
         assert each["status"] == each["tracked"]["status"] == "CONTROLLER" and not each["valid"]
-        assert all(each[name]["value"] is None for name in NAMES)
+        assert all(each[name]["value"] is None for name in MARGIN_NAMES)
     assert "in 6 of 6 windows, from 0 s on, the commands are not the nominal controller's" in found.summary()
     assert "kp 1.2, kd 0.3 would explain them" in found.summary()
     asked = replace(CONSTANT, controller=replace(PD, kd=0.3))
@@ -223,7 +223,7 @@ def truth_of(flew: Nominal) -> np.ndarray:
 def wrong_windows(found, truths: list[np.ndarray]) -> list[tuple[float, str]]:
     """(start [s], margin) of windows with margins that are off by more than three half-widths of their interval."""
     return [(window.t_start, name) for window, truth in zip(found.windows, truths, strict=True) if window.window.spread
-            for name, x in zip(NAMES, truth, strict=True) for margin in [getattr(window.window.spread, name)]
+            for name, x in zip(MARGIN_NAMES, truth, strict=True) for margin in [getattr(window.window.spread, name)]
             if np.isfinite(x) and abs(x - margin.value) > 1.5 * (margin.high - margin.low)]
 
 

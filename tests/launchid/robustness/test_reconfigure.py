@@ -38,7 +38,7 @@ def tracked(rule: rc.Rule, t: float, a6: float, k1: float, std: float = 0.01) ->
 def test_the_nominal_gives_the_legacy_gains_to_the_bit(name):
     rule = rc.Rule(nominal(name))
     for t in TIMES:
-        assert rule.gains(t, rc.NOMINAL) == rule.legacy
+        assert rule.gains(t, rc.NOMINAL_BELIEF) == rule.legacy
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -61,7 +61,7 @@ def test_limits_hold_for_any_belief():
     for a6, k1, t in zip(rng.uniform(-20, 20, 500), 10 ** rng.uniform(-3, 3, 500), rng.uniform(0, 95, 500),
                          strict=True):
         for gain, legacy in zip(rule.gains(t, rc.Belief(a6, k1)), rule.legacy, strict=True):
-            assert rc.LEAST * legacy <= gain <= rc.MOST * legacy
+            assert rc.MIN_GAIN * legacy <= gain <= rc.MAX_GAIN * legacy
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -113,7 +113,8 @@ def test_invalid_estimate_is_not_believed_and_gives_the_legacy_gains(wrong, monk
     assert supervisor.rule.believe(30.0, wrong) is None
     supervisor.belief = rc.Belief(1.3, 0.7)
     monkeypatch.setattr(rc.Rule, "believe", lambda *_: None)
-    supervisor.take([Sample(0.01 * i, 0.0, 0.0, 0.0, math.nan, 0.0) for i in range(round(2 * rc.WINDOW / 0.01))])
+    supervisor.take([Sample(0.01 * i, 0.0, 0.0, 0.0, math.nan, 0.0)
+                     for i in range(round(2 * rc.READING_PERIOD / 0.01))])
     assert supervisor.target(30.0) == supervisor.rule.legacy
 
 
@@ -127,7 +128,7 @@ def test_legacy_flight_is_the_simulators():
 
 
 def test_supervisor_that_believes_the_nominal_changes_no_bit(monkeypatch):
-    monkeypatch.setattr(rc.Rule, "believe", lambda *_: rc.NOMINAL)
+    monkeypatch.setattr(rc.Rule, "believe", lambda *_: rc.NOMINAL_BELIEF)
     flown, legacy = rc.fly_reconfigured(nominal("constant"), 4), rc.fly_legacy(nominal("constant"), 4)
     np.testing.assert_array_equal(flown.rows, legacy.rows)
     np.testing.assert_array_equal(flown.gains, legacy.gains)
@@ -145,8 +146,8 @@ def test_flight_that_loses_45_percent_of_k1_is_kept_and_tracks_better():
 def test_gains_move_at_their_rate_and_within_their_limits_and_begin_to_within_a_second():
     flown = rc.fly_reconfigured(nominal("constant"), 0, 1.0, lambda t: np.where(t >= 30.0, 0.55, 1.0))
     legacy = np.array([1.2, 0.5])
-    assert np.all(np.abs(np.diff(flown.gains, axis=0)) <= rc.RATE * legacy * flown.period * (1 + 1e-9))
-    assert np.all(flown.gains >= rc.LEAST * legacy) and np.all(flown.gains <= rc.MOST * legacy)
+    assert np.all(np.abs(np.diff(flown.gains, axis=0)) <= rc.GAIN_RATE * legacy * flown.period * (1 + 1e-9))
+    assert np.all(flown.gains >= rc.MIN_GAIN * legacy) and np.all(flown.gains <= rc.MAX_GAIN * legacy)
     t = flown.column("t")
     assert flown.gains[np.searchsorted(t, 31.0), 0] > 1.2 * 1.2
     assert flown.gains[np.searchsorted(t, 33.0), 0] == pytest.approx(1.2 / 0.55, rel=0.1)

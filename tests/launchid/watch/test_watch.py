@@ -23,13 +23,13 @@ from launchid.cli.main import main
 from launchid.identification.windows import onboard_model
 from launchid.log.log import flown_log, read_log
 from launchid.watch.follower import LAST_WINDOWS, Follower
-from launchid.watch.lines import LONGEST, Lines
-from launchid.watch.live import MOST_POINTS, MOST_WINDOWS, POINT, WINDOW, Live, message
-from launchid.watch.server import MOST_PAGES, PAGE, Server
+from launchid.watch.lines import LONGEST_LINE, Lines
+from launchid.watch.live import MOST_WINDOWS, POINT, POINTS_SHOWN, WINDOW_COLUMNS, Live, message
+from launchid.watch.server import LIVE_PAGE, MOST_PAGES, Server
 from launchid.watch.session import Watched, watch
 from launchid.watch.sources import Source, open_source
 from launchid_core import Config, Estimator, Status
-from launchid_core.watch.tracker import STEADY, WALK
+from launchid_core.watch.tracker import STEADY, TRACKER_WALK
 from sim.errors import UsageError
 from sim.flight import fly, fly_whole, parameters
 from sim.nominal import Nominal, load_nominal
@@ -199,7 +199,7 @@ def drifting(seed: int, duration: float) -> dict[str, Callable]:
     """Factors of a6 and k1 that move as the steady member of the tracker believes, from a deviation within 20 %."""
     rng, nodes = np.random.default_rng((411, seed)), np.arange(0.0, duration + 0.1, 0.1)
     first = rng.uniform(-0.2, 0.2, 2)
-    walk = np.cumsum(rng.normal(size=(2, len(nodes))) * STEADY[WALK] * np.sqrt(0.1), axis=1)
+    walk = np.cumsum(rng.normal(size=(2, len(nodes))) * STEADY[TRACKER_WALK] * np.sqrt(0.1), axis=1)
     return {name: functools.partial(lambda k, t: 1.0 + first[k] + np.interp(t, nodes, walk[k]), k)
             for k, name in enumerate(("a6_factor", "k1_factor"))}
 
@@ -368,7 +368,7 @@ def test_wrong_words_are_one_line(words, status, folder, capsys, monkeypatch):
 def test_malformed_rows_are_said_with_their_number_and_counted(folder, nominal, identified, tmp_path):
     rows = rows_of(folder / "flight.csv")
     bad = {100: b"1,2\n", 300: b"0.1,high,0,0,0,0\n", 500: b"\xff\xfe\n", 700: b'0,"1"2,0,0,0,0\n',
-           900: b"x" * (3 * LONGEST) + b"\n", 901: b"\x00,,,,,\n"}
+           900: b"x" * (3 * LONGEST_LINE) + b"\n", 901: b"\x00,,,,,\n"}
     for at, line in sorted(bad.items(), reverse=True):
         rows.insert(at, line)
     (tmp_path / "log.csv").write_bytes(b"".join(rows))
@@ -406,8 +406,8 @@ def test_memory_does_not_grow(folder, nominal):
     assert follower.estimates.maxlen == LAST_WINDOWS and follower._first.count == 0
     told = message(Live({}), None)[0]
     assert told["points"] == told["windows"] == []
-    most = len(json.dumps({"points": [[-1.234567e-05] * len(POINT)] * MOST_POINTS,
-                           "windows": [[-1.234567e-05] * len(WINDOW)] * MOST_WINDOWS}))
+    most = len(json.dumps({"points": [[-1.234567e-05] * len(POINT)] * POINTS_SHOWN,
+                           "windows": [[-1.234567e-05] * len(WINDOW_COLUMNS)] * MOST_WINDOWS}))
     assert most < 400_000, "bytes of the longest message"
 
 
@@ -582,7 +582,7 @@ def zoomed(server: Server, folder: Path) -> None:
     """A drag over the middle half of one panel: all show it, also after news, and the cursor's time is one."""
     state, page = message(server.live, None)[0], folder / "page.html"
     script = DRAG.replace("STATE", "window.STATE").replace("<script>", f"<script>window.STATE = {json.dumps(state)};")
-    page.write_text(PAGE.decode().replace("<script>", script + "<script>", 1), encoding="utf-8")
+    page.write_text(LIVE_PAGE.decode().replace("<script>", script + "<script>", 1), encoding="utf-8")
     done = subprocess.run([
         CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'second'}",
         "--window-size=1280,1100", "--virtual-time-budget=4000", "--dump-dom", page.as_uri()],

@@ -18,8 +18,8 @@ from test_watch import Listener, Session, asked, port_of
 
 from launchid.watch import sources
 from launchid.watch.first_rows import MOST_CHECKED
-from launchid.watch.follower import MOST_ROWS, MOST_WAITING, Follower
-from launchid.watch.lines import LONGEST, LONGEST_SAID, SAID, Lines
+from launchid.watch.follower import MOST_WAITING, WINDOW_ROWS, Follower
+from launchid.watch.lines import LONGEST_LINE, LONGEST_SAID, MOST_MESSAGES, Lines
 from launchid.watch.live import Live
 from launchid.watch.rate import PERIOD_ROWS
 from launchid.watch.server import MOST_CONNECTIONS, MOST_PAGES, Server
@@ -203,7 +203,7 @@ def test_rows_that_say_no_rate_take_no_memory_and_no_time(nominal):
         follower.take(log)
     assert follower.estimator is None and sum(len(log.t) for log in follower._waiting) < PERIOD_ROWS
     (note,) = follower._notes
-    assert f"at most {MOST_ROWS} rows" in note and "--period" in note
+    assert f"at most {WINDOW_ROWS} rows" in note and "--period" in note
 
 
 # ---- what is said
@@ -232,7 +232,7 @@ def test_what_a_sender_makes_it_say_is_bounded_and_counted(nominal):
     attacks: dict[str, tuple[Callable[[Lines], None], int]] = {
         "2,000 foreign headers": (lambda lines: read(lines, (b"t,theta,beta," + long + b"\n") * 2000), 0),
         "10,000 unreadable rows": (lambda lines: read(lines, b"high\n" * 10_000), 10_000),
-        "100 rows of 60 kB": (lambda lines: read(lines, (b"x" * (LONGEST - 1000) + b"\n") * 100), 100),
+        "100 rows of 60 kB": (lambda lines: read(lines, (b"x" * (LONGEST_LINE - 1000) + b"\n") * 100), 100),
         "20 lines of 300 kB": (lambda lines: read(lines, (b"," * 300_000 + b"\n") * 20), 20),
         "2,000 senders that are cut short": (others, 2000 - 1),
         "headers that cannot be": (lambda lines: read(lines, b"t,theta,theta," + long + b"\nt," + long + b"\n"), 2),
@@ -240,7 +240,7 @@ def test_what_a_sender_makes_it_say_is_bounded_and_counted(nominal):
     for name, (attack, malformed) in attacks.items():
         lines, said = talk(attack)
         assert lines.malformed == malformed, name
-        assert len(said) <= SAID + 1 and max(map(len, said)) <= LONGEST_SAID + 60, name
+        assert len(said) <= MOST_MESSAGES + 1 and max(map(len, said)) <= LONGEST_SAID + 60, name
         assert len(lines.last) <= LONGEST_SAID, name
 
 
@@ -268,7 +268,7 @@ REQUESTS = [
     b"POST / HTTP/1.1\r\nHost: 127.0.0.1:5005" + ROWS_IN_A_BODY,
     b"POST /,t,theta,beta, HTTP/1.1" + ROWS_IN_A_BODY,                        # a first line that names columns
     b"POST /0,0,0,0 HTTP/1.1" + ROWS_IN_A_BODY, b"GET /?0,0,0 HTTP/1.1" + ROWS_IN_A_BODY,
-    b"POST /" + b"x" * (3 * LONGEST) + b" HTTP/1.1" + ROWS_IN_A_BODY,         # longer than a row may be
+    b"POST /" + b"x" * (3 * LONGEST_LINE) + b" HTTP/1.1" + ROWS_IN_A_BODY,    # longer than a row may be
     b"OPTIONS * HTTP/1.1" + ROWS_IN_A_BODY, b"POST http://127.0.0.1:5005/ HTTP/1.1" + ROWS_IN_A_BODY,
     b"PRI * HTTP/2.0" + ROWS_IN_A_BODY, b"post / http/1.1" + ROWS_IN_A_BODY,
     b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + b"\n" * 9 + ROWS_IN_A_BODY,  # TLS
