@@ -197,7 +197,7 @@ def test_every_command_takes_the_checked_log():
     for path in sorted(ROOT.rglob("*.py")):
         if path.relative_to(ROOT).parts[0] not in ("log", "convert"):
             names = set().union(*(of for module, of in imported(path).items() if module in detectors))
-            assert names <= {"ONE_MOTION", "usable_rows", "DataCheck", "MEASURED"}, path
+            assert names <= {"ONE_MOTION", "usable_rows", "DataCheck", "SENSOR_COLUMNS"}, path
     doors = {"diagnose": "diagnosis/adapter.py", "nominal": "first_nominal/answer.py", "watch": "watch/follower.py",
              "show": "figures/logs.py"}
     makers = {"convert", "simulate"}   # of logs
