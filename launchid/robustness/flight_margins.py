@@ -8,7 +8,7 @@ belong together is left out (`docs/margins.md` says what it was checked by).
 A window that the estimator refuses has no margins, neither has one in which a6 or k1 changed suddenly, nor the tracked
 estimate until the change is settled: no frozen loop is that flight's.  Nor has one in which another loop flew: whose
 commands are not the nominal controller's (CONTROLLER), or whose nozzle does not answer them as the servo does
-(MODEL_MARK).
+(MODEL).
 """
 
 import math

@@ -13,7 +13,6 @@ from ..data.record import Z_THETA, Z_THETA_DOT, Record
 
 GAIN, LATE_COMMAND, OTHER_FILTER, UNKNOWN_LAW, NO_MISMATCH = "gain", "delay", "filter", "unknown", "none"
 COMMAND_ROUNDING = 2.0e-5  # rad rms: what rounding in a log's digits may make of an exact command
-MIN_COMMANDS = 20       # commands, or gaps between them, without which nothing is said
 SAME_RECOMPUTED = 2.0e-3  # relative, of a gain; of the period for a delay: closer is the same
 GAIN_SIGMAS = 3.0       # standard deviations within which an integral's gain is the same, too
 DIFFERENCE_LEFT = 0.05  # of the rms difference that may be left for a mismatch to be named

@@ -22,10 +22,10 @@ import numpy as np
 
 from sim.flight import excitation, packed
 
-from ...controller_replay import KI, NEAR_LIMIT, constants_of, lowest, rms
+from ...controller_replay import KI, MIN_COMMANDS, NEAR_LIMIT, constants_of, lowest, rms
 from ...sums import combined, least_squares, products
 from ..data.record import Z_THETA, Z_THETA_DOT, Record
-from .check import COMMAND_ROUNDING, MIN_COMMANDS, NO_MISMATCH, UNKNOWN_LAW, ControllerCheck
+from .check import COMMAND_ROUNDING, NO_MISMATCH, UNKNOWN_LAW, ControllerCheck
 from .command import in_doubt
 from .ticks import command_noise, noise_std
 
