@@ -83,8 +83,10 @@ def first(log: Log) -> First:
         if rate.kind == INTERPOLATED:
             raise InputError(f"{log.path}: column {name}: it is {rate.words}; log it as it acts")
     result = search(c)
-    nominal = answer(result, c)
-    return replace(nominal, refused=tuple(reasons(nominal, result, c)))
+    nominal = answer(result)
+    is_beta = c.has("beta") and not result.channels.has("beta")   # it drives as it stands
+    nominal = replace(nominal, delay_of="beta") if is_beta else nominal
+    return replace(nominal, refused=tuple(reasons(nominal, result, "beta" if c.has("beta") else "beta_cmd")))
 
 
 def is_constant(c: Channels) -> bool:
@@ -96,14 +98,14 @@ def is_constant(c: Channels) -> bool:
 # ---- the numbers
 
 
-def answer(result: Found, c: Channels) -> First:
+def answer(result: Found) -> First:
     """The numbers of a model."""
-    fitted, model = result.fitted, result.fitted.model
+    c, fitted, model = result.channels, result.fitted, result.fitted.model
     na, nk = len(model.node_a), len(model.node_k)
-    std = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0) * spread(result, c))
+    std = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0) * spread(result))
     if model.sine:
         std[:len(model.linear)] = np.hypot(std[:len(model.linear)], STAND * np.abs(model.linear))
-    std[:len(model.linear)] = np.hypot(std[:len(model.linear)], hidden(result, c))
+    std[:len(model.linear)] = np.hypot(std[:len(model.linear)], hidden(result))
     off = between_nodes(result, fitted)
     a6_std, k1_std = np.hypot(std[:na], off[:na]), np.hypot(std[na:na + nk], off[na:])
     names = [name for name, there in (("theta_dot", model.damping), ("sign(theta_dot)", model.friction)) if there]
@@ -118,10 +120,10 @@ def answer(result: Found, c: Channels) -> First:
         notes=c.notes)
 
 
-def spread(result: Found, c: Channels) -> float:
+def spread(result: Found) -> float:
     """Factor on the variances: by how much more two halves of the log differ than they should (a model that is not
     quite true differs from stretch to stretch); 1 where they agree, and where a6 and k1 vary."""
-    model = result.fitted.model
+    c, model = result.channels, result.fitted.model
     if len(model.node_a) > 1:
         return 1.0
     half = len(c.t) // 2
@@ -140,10 +142,10 @@ def spread(result: Found, c: Channels) -> float:
     return max(chi / q, 1.0) if chi > limit else 1.0
 
 
-def hidden(result: Found, c: Channels) -> np.ndarray:
+def hidden(result: Found) -> np.ndarray:
     """The error (q,) by commands between the rows, which no nozzle sensor shows: the change when every second command
     is left out, which is at least as much."""
-    model = result.fitted.model
+    c, model = result.channels, result.fitted.model
     if c.has("beta") or model.no_input or is_held(c):
         return np.zeros(len(model.linear))
     fewer = replace(c, beta_cmd=np.where(np.arange(len(c.t)) % 2 == 0, c.beta_cmd, math.nan), driven=True)
@@ -247,9 +249,12 @@ def wind(fitted: Fitted) -> dict[str, Number]:
 # ---- what the log cannot tell
 
 
-def reasons(numbers: First, result: Found, c: Channels) -> list[str]:
-    """The reasons why a number of the nominal cannot be given; none: it can."""
-    driver = "beta" if c.has("beta") else "beta_cmd"
+def reasons(numbers: First, result: Found, driver: str) -> list[str]:
+    """The reasons why a number of the nominal cannot be given; none: it can.
+
+    driver  the column that drives
+    """
+    c = result.channels
     if is_constant(c):
         return [f"k1 cannot be determined: {driver} is {float(np.nanmax(command(c))):g} throughout; log a stretch in "
                 "which it moves"]
@@ -283,12 +288,13 @@ def lacking(numbers: First, result: Found, driver: str) -> list[str]:
     a6, k1 = (x / x[np.argmax(np.abs(x))] if np.any(x) else np.ones(len(m.t)) for x in model.at(m.t))  # as they vary
     if model.sine:
         a6 = np.ones(len(m.t))
+    m = replace(m, beta=weak.acting(m, model))
     rows = replace(m, theta=a6 * m.theta, gamma=a6 * m.gamma, beta=k1 * m.beta, fast=a6 * m.fast)
     asked = question(rows, (*result.terms[:2], "1"), result.terms[2:])
     if asked.unchecked:
         return [f"what a6 and k1 rest on could not be tested: {asked.unchecked}"]
     found = [lack for lack in asked.lacks
-             if not (lack.what == "delay" and asked.lead is not None and holds(numbers, result, asked.lead))]
+             if not (lack.what == "delay" and asked.lead is not None and is_known(numbers, asked.lead))]
     if len(model.node_a) == 1:   # else the answer is of many numbers
         modes = term_modes(rows, asked.terms)
         fit = gls(modes)
@@ -299,14 +305,10 @@ def lacking(numbers: First, result: Found, driver: str) -> list[str]:
     return [lack_words(lack, driver) for lack in found]
 
 
-def holds(numbers: First, result: Found, lead: Lead) -> bool:
-    """Whether the model has the input lead what it causes by as much: by its delay, and the lag of a servo that no
-    sensor sees; by nothing where the nozzle is measured behind a command."""
-    value, std = numbers.delay or (0.0, 0.0)
-    if result.fitted.model.source == fl.BY_COMMAND:
-        (frequency, _), (damping, _) = numbers.servo or ((math.inf, 0.0), (0.0, 0.0))
-        value = 0.0 if "beta" in numbers.noise else value + 2.0 * damping / frequency
-    return abs(lead.value - value) < K1_SIGMAS * math.hypot(std, lead.std)
+def is_known(numbers: First, lead: Lead) -> bool:
+    """Whether a lead of the input beyond the model's own is within what its delay may be off."""
+    std = 0.0 if numbers.delay is None else numbers.delay[1]
+    return abs(lead.value) < K1_SIGMAS * math.hypot(std, lead.std)
 
 
 def lack_words(lack: Lack, driver: str) -> str:

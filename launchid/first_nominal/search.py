@@ -23,6 +23,8 @@ COMMAND_SHARE = 0.5    # share of the nozzle's variance that a delayed command e
 FIRST_SERVO_FREQUENCY = 40.0  # rad/s, where a servo's frequency is first looked for
 SERVO_DAMPING = 0.7
 FASTEST = 5.0          # over the sample period: a servo beyond it is done within a row
+MOST_DAMPING = 5.0     # of a servo: beyond it it is a lag of first order
+FASTEST_UNSEEN = 1.0   # the same of one that no sensor shows, beside its damping ratio: two lags, of a row and more
 MOST_COMMAND_DELAY = 0.4  # s: the longest delay looked for
 EARLIEST = -0.05       # s: a nozzle that follows the motion is no input, and is seen
 NODE_COUNTS = (2, 3, 5, 9, 17)
@@ -37,6 +39,7 @@ MIN_WIND_SHARE = 0.02  # of the largest |a6|, by which wind acts at least
 TERMS = {"damping": "theta_dot", "friction": "sign(theta_dot)"}
 ADDED_PARTS = 8        # that are added to the plain model
 PLAIN_TERMS = ("theta", "beta")
+NOZZLE_NUMBERS = ("r_beta", "q_b", "servo")  # of a nozzle that no command tells
 STAND_TERMS = tuple((gravity, "beta", *rest) for gravity in ("theta", "sin(theta)")
                     # where a stand's model may begin
                     for rest in ((), ("theta_dot",), ("theta_dot", "sign(theta_dot)")))
@@ -46,10 +49,12 @@ STAND_TERMS = tuple((gravity, "beta", *rest) for gravity in ("theta", "sin(theta
 class Found:
     """The result of the search.
 
+    channels  what was fitted: those of the log, or with its beta as what was commanded
     fitted  the model at its maximum;  finer  the same with nodes between the nodes, None: constant
     motion, terms, delay   of the weak form;  r2  held out
     """
 
+    channels: Channels
     fitted: Fitted
     finer: Fitted | None
     motion: Rows
@@ -71,7 +76,7 @@ def sizes(c: Channels, m: Rows) -> dict[str, float]:
 def bounds(c: Channels) -> dict[str, tuple[float, float]]:
     """The ranges of the free numbers: no log shows what is faster than a few rows, or slower than the log is long."""
     length = float(c.t[-1])
-    return {"servo": (1.0 / length, FASTEST / c.period), "damping": (0.05, 5.0),
+    return {"servo": (1.0 / length, FASTEST / c.period), "damping": (0.05, MOST_DAMPING),
             "turbulence_time": (2.0 * c.period, length)}
 
 
@@ -133,29 +138,68 @@ def start(c: Channels, source: int, m: Rows, terms: tuple[str, ...], delay: floa
 
 
 def search(c: Channels) -> Found:
-    """The model of a log."""
+    """The model of a log.
+
+    A beta that no command tells is the nozzle's own angle, smooth and measured with noise, or itself what drives, as it
+    stands in each row: then its roughness moves the vehicle, by a delay or by a servo that no sensor shows.  Which of
+    them is asked of the likelihood, of the plain model and once the terms are found.
+    """
     u = command(c)
     idle = float(np.nanmax(u)) == float(np.nanmin(u))
-    source = fl.BY_INPUT if idle else source_of(c)
+    found = begin(c, fl.BY_INPUT if idle else source_of(c), STAND_TERMS if large(c) else (PLAIN_TERMS,))
+    found = driven_instead(found)
+    found = replace(found, fitted=fit(grown(found.fitted, found.channels).model, found.channels))
+    if not idle:
+        found = driven_instead(found)
+    c, now = found.channels, found.fitted
+    gravity = "sin(theta)" if now.model.sine else "theta"
+    terms = (gravity, "beta", *(term for name, term in TERMS.items() if getattr(now.model, name)))
+    return replace(found, finer=between(now, c), terms=terms, r2=weak.held_out(found.motion, terms, found.delay))
+
+
+def driven_instead(found: Found) -> Found:
+    """What is found, or the same with another way from beta or the command to the nozzle, where that explains more."""
+    c, model = found.channels, found.fitted.model
+    if model.source == fl.BY_INPUT and not model.no_input:
+        return replace(found, fitted=servo_instead(found.fitted, c))
+    if model.source != fl.BY_MEASUREMENT:
+        return found
+    c = replace(c, beta_cmd=c.beta, beta=np.full(len(c.t), math.nan))
+    left = {name: value for name, value in model.numbers.items() if name not in NOZZLE_NUMBERS}
+    driven = replace(model, source=fl.BY_INPUT, numbers=left, free=tuple(name for name in model.free if name in left))
+    now = servo_instead(fit(driven, c, FIRST_STEPS), c)
+    return found if now.bic + nozzle_alone(found) <= found.fitted.bic + MARGIN else replace(
+        found, channels=c, fitted=now)
+
+
+def begin(c: Channels, source: int, menu: tuple[tuple[str, ...], ...]) -> Found:
+    """The plain model of a log with this source of the nozzle angle, and terms of the menu."""
+    u = command(c)
+    idle = float(np.nanmax(u)) == float(np.nanmin(u))
     m = weak.motion(c, source != fl.BY_INPUT)
     best = None
-    for terms in STAND_TERMS if large(c) else (PLAIN_TERMS,):
+    for terms in menu:
         delay = 0.0 if source == fl.BY_COMMAND or idle else best_delay(c, m, terms)
         model = start(c, source, m, terms, delay)
         if idle:
             model = replace(model, no_input=True, free=tuple(name for name in model.free if name != "delay"),
                             linear=np.where(np.arange(len(model.linear)) == 1, 0.0, model.linear))
         now = fit(model, c, FIRST_STEPS)
-        if source == fl.BY_INPUT and not idle:
-            now = servo_instead(now, c)
-        if best is None or now.bic > best[0].bic + (-MARGIN if now.model.sine and not best[0].model.sine else MARGIN):
-            best = now, terms, delay   # at large angles it is sin(theta), unless it is not
+        if best is None or now.bic > best.fitted.bic + (-MARGIN if now.model.sine and not best.fitted.model.sine
+                                                        else MARGIN):
+            best = Found(c, now, None, m, terms, delay, 0.0)   # at large angles it is sin(theta), unless it is not
     assert best is not None
-    now, terms, delay = best
-    now = fit(grown(now, c).model, c)
-    gravity = "sin(theta)" if now.model.sine else "theta"
-    terms = (gravity, "beta", *(term for name, term in TERMS.items() if getattr(now.model, name)))
-    return Found(now, between(now, c), m, terms, delay, weak.held_out(m, terms, delay))
+    return best
+
+
+def nozzle_alone(found: Found) -> float:
+    """The `Fitted.bic` of the nozzle's own motion and noise, fitted to beta alone: what a model in which beta drives as
+    it stands lacks of one that explains beta too."""
+    c, model = found.channels, found.fitted.model
+    unseen = np.full(len(c.t), math.nan)
+    alone = fit(replace(model, linear=np.zeros(len(model.linear)), free=NOZZLE_NUMBERS),
+                replace(c, theta=unseen, theta_dot=unseen), FIRST_STEPS)
+    return penalised(alone.ln_l, replace(alone.model, linear=np.zeros(0)), alone.final)
 
 
 def large(c: Channels) -> bool:
@@ -175,13 +219,16 @@ def is_held(c: Channels) -> bool:
 
 
 def servo_instead(now: Fitted, c: Channels) -> Fitted:
-    """A servo between the command and the nozzle that no sensor sees, where that explains more than a delay."""
+    """A servo between the command and the nozzle that no sensor sees, or two lags, where that explains more than a
+    delay."""
     delay = now.model.numbers["delay"]
     numbers = now.model.numbers | {"servo": FIRST_SERVO_FREQUENCY, "damping": SERVO_DAMPING, "q_b": 0.0,
                                    "delay": max(delay - 2.0 * SERVO_DAMPING / FIRST_SERVO_FREQUENCY, 0.0)}
-    other = fit(replace(now.model, source=fl.BY_COMMAND, numbers=numbers, free=(*now.model.free, "servo")), c,
+    servo = fit(replace(now.model, source=fl.BY_COMMAND, numbers=numbers, free=(*now.model.free, "servo")), c,
                 FIRST_STEPS)
-    return other if other.bic > now.bic else now
+    ranges = servo.model.bounds | {"servo": (1.0 / float(c.t[-1]), FASTEST_UNSEEN / c.period)}
+    lags = fit(replace(servo.model, free=(*servo.model.free, "damping"), bounds=ranges), c, FIRST_STEPS)
+    return max((now, servo, lags), key=lambda each: each.bic)
 
 
 def grown(now: Fitted, c: Channels) -> Fitted:

@@ -11,8 +11,9 @@ import numpy as np
 from ..sums import combined, least_squares, square
 from ..weakform.judge import INCREMENT
 from ..weakform.rows import LONGEST_ROW_STEP, SLOPE_SPAN, Rows, increments, slope, with_noise_levels
+from . import filter as fl
 from .channels import Channels
-from .model import command
+from .model import Model, command
 
 TRIM_PIECE = 10.0      # s over which one set of coefficients and one trim hold
 HELD_OUT_SHARE = 0.4   # the last part of the log
@@ -39,6 +40,26 @@ def motion(c: Channels, source_is_beta: bool) -> Rows:
     cuts = np.flatnonzero(step > LONGEST_ROW_STEP * np.median(step)) + 1
     return with_noise_levels(Rows(c.t, theta, c.gamma, rate, u, c.has("theta_dot"), bool(np.any(c.gamma != 0.0)),
                                   np.concatenate([[0], cuts, [len(c.t)]])))
+
+
+def acting(rows: Rows, model: Model) -> np.ndarray:
+    """Return beta (n,) of the rows as the model has it act: later by its delay, behind a servo that no sensor shows.
+
+    The servo's frequency response on an even grid, the first value before it.
+    """
+    source, numbers = model.source, model.numbers
+    if model.no_input or (source == fl.BY_COMMAND and "r_beta" in numbers):
+        return rows.beta
+    held = 0.0 if source == fl.BY_MEASUREMENT else 0.5 * rows.period   # lines between rows are half a step early
+    t = np.arange(rows.t[0], rows.t[-1] + rows.period, rows.period)
+    u = np.interp(t, rows.t, rows.beta)
+    s = 2j * np.pi * np.fft.rfftfreq(2 * len(t), rows.period)
+    response = np.exp(-s * (numbers["delay"] + held))
+    if source == fl.BY_COMMAND:
+        w, zeta = numbers["servo"], numbers["damping"]
+        response = response / (1.0 + 2.0 * zeta * s / w + (s / w) ** 2)
+    moved = np.fft.irfft(np.fft.rfft(u - u[0], 2 * len(t)) * response, 2 * len(t))[:len(t)]
+    return np.asarray(u[0] + np.interp(rows.t, t, moved))
 
 
 def columns(rows: Rows, terms: tuple[str, ...], delay: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
