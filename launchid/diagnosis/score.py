@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..sums import along, combined, square
-from .estimate import Fit, at_bound, gram, information, inverse, limits
+from .estimate import Fit, at_bound, bounded, gram, information, inverse, limits
 from .model import MODEL_FOLDS, SCORE_BLOCKS, Model
 
 FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
@@ -41,7 +41,7 @@ def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
     F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, m.white(fit.p, frozen=True)
     out, fits = e.copy(), []
     w = m.prior[F]**-2.0
-    A = gram(J) + np.diag(w)
+    grams = [gram(J[m.fold == f]) for f in range(MODEL_FOLDS)]
     lowest, highest = limits(m, fit.band)
     low, high, g0 = lowest[F], highest[F], along(J, e)
     for f in range(MODEL_FOLDS):
@@ -50,9 +50,7 @@ def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
         if not mine.any():
             continue
         Jf = J[mine]
-        Af = A - gram(Jf)
-        s = 1.0 / np.sqrt(np.diag(Af) + 1e-300)
-        As = Af * np.outer(s, s) + 1e-9 * np.eye(len(s))
+        Af = sum((each for k, each in enumerate(grams) if k != f), np.diag(w))   # no differences: nothing cancels
 
         def worth(er: np.ndarray, q: np.ndarray, mine: np.ndarray = mine) -> float:
             moved = (q - p)[F]
@@ -62,7 +60,7 @@ def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
         for _ in range(FOLD_STEPS):
             g = along(J, eq - e) - along(Jf, eq[mine]) + w * (q - p)[F]
             r = q.copy()
-            r[F] = np.clip(q[F] - np.linalg.solve(As, g * s) * s, low, high)
+            r[F] += bounded(Af, -g, low - q[F], high - q[F])
             move = r[F] - q[F]
             if first:
                 out[mine] = e[mine] + combined(Jf, move)
