@@ -206,15 +206,21 @@ class Model:
         if key not in self.inputs:
             delay = (self.servo.delay if self.is_commanded else 0.0) + key[0]
             ticks, edges = self.track.ticks, self.track.edges - delay
-            total = np.interp(edges, ticks, self.integral)
-            total = np.where(edges < ticks[0], (edges - ticks[0]) * self.track.commands[0], total)
-            beyond = self.integral[-1] + (edges - ticks[-1]) * self.track.commands[-1]
+            commands, integral = self.track.commands, self.integral
+            if key[3] > 0.0:
+                noise = self.servo.command_noise_std if self.is_commanded else 0.0
+                commands = np.empty(len(commands))
+                ekf.played(self.track.commands, key[3], noise, commands)
+                integral = np.append(0.0, np.cumsum(commands * np.diff(ticks)))
+            total = np.interp(edges, ticks, integral)
+            total = np.where(edges < ticks[0], (edges - ticks[0]) * commands[0], total)
+            beyond = integral[-1] + (edges - ticks[-1]) * commands[-1]
             total = np.where(edges > ticks[-1], beyond, total)
             u = np.diff(total) / self.widths
-            if any(key[1:]):
+            if key[1] > 0.0 or key[2] > 0.0 or key[4] > 0.0:
                 out = np.empty(len(u))
                 limit = 1.0 / key[4] if key[4] > 0.0 else 0.0
-                ekf.nozzle_input(u, self.widths, c, key[1], key[2], key[3], limit, out)
+                ekf.nozzle_input(u, self.widths, c, key[1], key[2], limit, out)
                 u = out
             if len(self.inputs) > 24:
                 self.inputs.pop(next(iter(self.inputs)))

@@ -19,7 +19,7 @@ from .adapter import FEWEST_ROWS, Reading, read
 from .candidates import CANDIDATE_KINDS, TOLERANCE_SIGMAS, usual
 from .controller.check import ControllerCheck
 from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, Elimination, Kept, Search
-from .estimate import Fit, fit_levels, gauss_newton, gram
+from .estimate import Fit, fit_levels, gauss_newton, gram, level_deviation
 from .gain import Gain, held_out
 from .model import KINEMATIC, SCORE_BLOCKS, WEATHER, Model, Number, Stopped
 from .scan import RIVAL_SHARE, Found, scan, with_shape
@@ -313,7 +313,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     if not m.is_flown and of_input and not acts(m, el):
         listed = [k for k in listed if k not in of_input]
         words.append("the input of another time explains as much as the log's own: nothing is said of it")
-    names = [*named_beside(m, controller), *(each for k in listed for each in named_of(m, el, k))]
+    names = [*named_beside(m, el, controller), *(each for k in listed for each in named_of(m, el, k))]
     doubts = [others.get(k.group.name) or
               f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause"
               for k in unlisted]
@@ -485,7 +485,7 @@ def beside(m: Model, number: Number, value: float) -> float:
     return value if own is None else value / own if number.parameter == "scale" else value - own
 
 
-def named_beside(m: Model, controller: ControllerCheck | None) -> list[Named]:
+def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None) -> list[Named]:
     """What is found without a number of the fit: another controller, weather."""
     found = []
     if controller is not None and controller.is_named:
@@ -493,9 +493,12 @@ def named_beside(m: Model, controller: ControllerCheck | None) -> list[Named]:
             "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
             "delay": (controller.delay, controller.std[2])}, (), controller.evidence, math.nan))
     if m.weather:
-        given: dict[str, tuple[Any, float | None]] = {"level": (math.exp(m.levels[WEATHER[m.weather]]), None)}
-        if m.weather == "turbulence":
-            given["time_constant"] = (m.tau_g, None)
+        k, std = WEATHER[m.weather], level_deviation(m, el.final.p, WEATHER[m.weather])
+        level = math.exp(m.levels[k])
+        given: dict[str, tuple[Any, float | None]] = {"level": (level, std)}
+        if m.weather == "turbulence":   # of another spectrum the log shows the rms alone, to sqrt(time/2 span)
+            given = {"level": (level, math.hypot(std, level * math.sqrt(0.5 * m.tau_g / (m.t[-1] - m.t[0])))),
+                     "time_constant": (m.tau_g, None)}
         found.append(Named(m.weather, "environment", given, tuple(WEATHER.keys() - {m.weather}), math.nan, math.nan))
     return found
 
