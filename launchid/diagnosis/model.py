@@ -77,7 +77,7 @@ class Model:
 
     def __init__(self, track: Track, noise: str = "bounded") -> None:
         self.track, nominal, self.noise = track, track.nominal, noise
-        self.t, self.z, self.n = track.t, track.z, len(track.z)
+        self.t, self.z, self.n, self.retimed = track.t, track.z, len(track.z), 0.0
         self.dt = np.diff(track.t)
         self.centre = 0.5 * (track.t[0] + track.t[-2])
         self.servo = track.record.actuator
@@ -182,6 +182,17 @@ class Model:
         self.levels = self.levels0.copy()
         self.inputs.clear()
 
+    def retime(self, late: float) -> None:
+        """Put the gyro's column earlier, by the whole rows of so late a gyro [s]: no series of few terms says what it
+        does between them."""
+        row = float(np.median(self.dt))
+        rows = round((late - self.retimed) / row)
+        if rows > 0 and self.is_flown and self.has["theta_dot"]:
+            z = self.z.copy()
+            z[:-rows, 1] = self.z[rows:, 1]
+            z[-rows:, 1] = np.nan
+            self.z, self.retimed, self.flat = z, self.retimed + rows * row, np.zeros(0, np.int64)
+
     # ---- numbers to the filter's arrays
 
     def index(self, name: str) -> int:
@@ -238,7 +249,7 @@ class Model:
         c[ekf.SERVO_ORDER_PLACE] = ekf.FIRST_ORDER_SERVO if self.servo.is_first_order else ekf.SECOND_ORDER_SERVO
         c[ekf.W] = self.servo.frequency * max(get("bandwidth", 1.0), 0.01)
         c[ekf.ZETA] = 1.0 if self.servo.is_first_order else self.servo.damping_ratio
-        c[ekf.DT], c[ekf.DW] = get("attitude_delay"), get("gyro_delay")
+        c[ekf.DT], c[ekf.DW] = get("attitude_delay"), get("gyro_delay") - self.retimed
         c[ekf.SCALE], c[ekf.GYRO], c[ekf.NULL] = get("gyro_scale", 1.0), get("gyro_bias"), get("nozzle_bias")
         c[ekf.SOFT] = max(0.05 * self.scales.omega, 1e-9)
         c[ekf.TAU_M], c[ekf.TAU_G] = self.tau_m, self.tau_g

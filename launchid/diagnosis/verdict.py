@@ -188,6 +188,7 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
     other = Model(second.track, m.noise)
     other.weather, other.levels0, other.levels = m.weather, m.levels0, m.levels
     other.is_windy, other.tau_m, other.m0 = m.is_windy, m.tau_m, m.m0
+    other.retime(m.retimed)
     other.with_numbers(m.numbers, m.shapes)
     nats = 0.5 * (square(el.e_nominal) - square(el.e_final))
     return replace(result, gain=held_out(other, el.nominal, el.final, el.full, nats, is_another=True))
@@ -197,6 +198,8 @@ def everything(m: Model) -> np.ndarray:
     """The numbers with every usual one and what the scan found free; noise levels there."""
     start = limited(m) if m.is_commanded and m.is_flown else best_delay(m, m.null)
     fit = gauss_newton(m, start, tuple(range(len(m.numbers))), frozenset(), 3)
+    if "gyro_delay" in m.names:
+        m.retime(float(fit.p[m.index("gyro_delay")]))
     fit_levels(m, fit.p)
     fit = gauss_newton(m, fit.p, fit.free, frozenset(), 3)
     fit_levels(m, fit.p)
