@@ -31,11 +31,11 @@ def fold_fits(m: Model, fit: Fit) -> list[np.ndarray]:
 def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
     """(left-out errors, numbers of each fold): from the fit to all, steps with its slopes, errors computed anew.
 
-    The gradient left at the fit to all is nobody's; a fold that runs away is taken linearly.  What happens once cannot
-    be left out and stays as fitted: its gain must be the larger.
+    The gradient left at the fit to all is nobody's, but for what presses a number against its bound, which a fold may
+    turn; a fold that runs away is taken linearly.  What happens once cannot be left out and stays as fitted: its gain
+    must be the larger.
     """
-    stuck = set(at_bound(m, fit))
-    keep = [i for i in range(len(fit.free)) if i not in stuck and fit.free[i] not in _once(m)]
+    keep = [i for i in range(len(fit.free)) if fit.free[i] not in _once(m)]
     if not keep:
         return fit.e.copy(), [fit.p] * MODEL_FOLDS
     F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, m.white(fit.p, frozen=True)
@@ -44,6 +44,7 @@ def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
     grams = [gram(J[m.fold == f]) for f in range(MODEL_FOLDS)]
     lowest, highest = limits(m, fit.band)
     low, high, g0 = lowest[F], highest[F], along(J, e)
+    presses = np.where(np.isin(keep, at_bound(m, fit)), g0 + w * (p - m.null)[F], 0.0)
     for f in range(MODEL_FOLDS):
         mine = m.fold == f
         fits.append(p)
@@ -54,11 +55,11 @@ def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
 
         def worth(er: np.ndarray, q: np.ndarray, mine: np.ndarray = mine) -> float:
             moved = (q - p)[F]
-            return square(er) - square(er[mine]) + float((moved * w) @ moved - 2.0 * g0 @ moved)
+            return square(er) - square(er[mine]) + float((moved * w + 2.0 * (presses - g0)) @ moved)
 
         q, eq, best, first = p, e, worth(e, p), True
         for _ in range(FOLD_STEPS):
-            g = along(J, eq - e) - along(Jf, eq[mine]) + w * (q - p)[F]
+            g = along(J, eq - e) - along(Jf, eq[mine]) + w * (q - p)[F] + presses
             r = q.copy()
             r[F] += bounded(Af, -g, low - q[F], high - q[F])
             move = r[F] - q[F]

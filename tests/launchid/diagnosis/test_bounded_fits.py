@@ -47,26 +47,29 @@ def test_a_number_that_no_row_tells_stays_where_its_prior_has_it():
     assert bounded(A, np.array([3.0, 0.0]), np.full(2, -5.0), np.full(2, 5.0)) == pytest.approx([3.0, 0.0])
 
 
-def test_a_block_left_out_is_predicted_by_the_bounded_fit_to_the_others():
-    """A linear model with one number near its bound: in some folds it stands there, and the others make up for it."""
+@pytest.mark.parametrize("room", [0.02, -0.02])
+def test_a_block_left_out_is_predicted_by_the_bounded_fit_to_the_others(room):
+    """A linear model with one number near its bound, or at it: in some folds it stands there, and the others make up
+    for it, in others it does not."""
     rng = np.random.default_rng(5)
     n, k = 240, 3
     X = rng.normal(size=(n, k))
     X[:, 1] += X[:, 0]
-    truth = np.array([1.0, 0.5, -1.0])
-    y = X @ truth + 2.0 * rng.normal(size=n)
-    prior, low, high = np.array([2.0, 2.0, 2.0]), np.full(k, -np.inf), np.full(k, np.inf)
-    rows = np.vstack([X, np.diag(1.0 / prior)])
-    best = np.linalg.lstsq(rows, np.append(y, np.zeros(k)), rcond=None)[0]
-    high[0] = best[0] + 0.02
-    fold = np.arange(n) * MODEL_FOLDS * 3 // n % MODEL_FOLDS
+    y = X @ np.array([1.0, 0.5, -1.0]) + 2.0 * rng.normal(size=n)
+    prior, low, high = np.full(k, 2.0), np.full(k, -np.inf), np.full(k, np.inf)
+    rows, wanted = np.vstack([X, np.diag(1.0 / prior)]), np.append(y, np.zeros(k))
+    high[0] = np.linalg.lstsq(rows, wanted, rcond=None)[0][0] + room
+
+    def least(of):
+        return lsq_linear(rows[of], wanted[of], (low, high), method="bvls", tol=1e-14).x
+
+    best, fold = least(np.ones(n + k, bool)), np.arange(n) * MODEL_FOLDS * 3 // n % MODEL_FOLDS
     m = SimpleNamespace(null=np.zeros(k), prior=prior, tol=np.zeros(k), low=low, high=high, shapes=[], fold=fold,
                         block=np.arange(n) * SCORE_BLOCKS // n, white=lambda p, frozen: y - X @ p)
     errors = left_out(m, Fit(best, y - X @ best, -X, (0, 1, 2), frozenset()))
     is_at_bound = []
     for f in range(MODEL_FOLDS):
-        there = np.append(fold != f, np.ones(k, bool))
-        known = lsq_linear(rows[there], np.append(y, np.zeros(k))[there], (low, high), method="bvls", tol=1e-14).x
+        known = least(np.append(fold != f, np.ones(k, bool)))
         is_at_bound.append(known[0] > high[0] - 1e-6)
         assert errors[fold == f] == pytest.approx((y - X @ known)[fold == f], abs=1e-4)
     assert 0 < sum(is_at_bound) < MODEL_FOLDS
