@@ -26,6 +26,7 @@ from .scan import RIVAL_SHARE, Found, scan, with_shape
 from .score import compare, covariance, left_out
 
 SERVO_DELAYS = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)  # s, delays of a servo that are tried
+SLOW_SERVOS = (0.6, 0.35, 0.2, 0.12)   # of its bandwidth, of a servo that are tried
 FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
 WEATHER_NATS = 20.0    # nats by which weather must be better than causes
 FIRST_SHAPES = 50.0    # squares that a shape must promise while everything is free; what promises less is sought later
@@ -228,11 +229,13 @@ def with_found(m: Model, fit: Fit, p: np.ndarray, least: float = 0.0) -> np.ndar
 
 
 def limited(m: Model) -> np.ndarray:
-    """The numbers to start from: with a rate limit, a play, a delay or a trim where one leaves clearly less than none,
-    for a servo so limited or so late, or a vehicle that its trim has lost, is no small forcing of another."""
+    """The numbers to start from: with a rate limit, a play, a delay, a slower servo or a trim where one leaves clearly
+    less than none, for a servo so limited or so late, or a vehicle that its trim has lost, is no small forcing of
+    another."""
     plain = square(m.white(m.null))
-    late = np.repeat(m.null[None], len(SERVO_DELAYS), axis=0)
-    late[:, m.index("delay")] += SERVO_DELAYS
+    late = np.repeat(m.null[None], len(SERVO_DELAYS) + len(SLOW_SERVOS), axis=0)
+    late[:len(SERVO_DELAYS), m.index("delay")] += SERVO_DELAYS
+    late[len(SERVO_DELAYS):, m.index("bandwidth")] *= SLOW_SERVOS
     trimmed = [gauss_newton(m, m.null, (m.index("misalignment"),)).p] if "misalignment" in m.names else []
     least, p = min(((square(m.white(q)), q) for q in (*late, *trimmed)), key=lambda each: each[0])
     best = None
