@@ -116,8 +116,8 @@ def bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> 
 
 def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset[int] = frozenset(),
                  rounds: int = 3, J: np.ndarray | None = None) -> Fit:
-    """Minimise squares and priors over `free`, numbers held at a bound that they press against (Bertsekas 1982), in so
-    many rounds beside those that halve them; J (r, free) the slopes at p, where they are known."""
+    """Minimise squares and priors over `free`, each step the least within their bounds, in so many rounds
+    beside those that halve them; J (r, free) the slopes at p, where they are known."""
     F = np.array(free, int)
     low, high = limits(m, band)
     p = p.copy()
