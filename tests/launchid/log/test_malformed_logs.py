@@ -183,6 +183,7 @@ READ: dict[str, bytes] = {
     "trailing commas everywhere": b"t,theta,beta,,\n0,1,0.5,,\n0.01,2,0.25,,\n0.02,-3.5,0.125,,\n",
     "spaces and tabs": b" t ,\ttheta, beta\n 0 , 1 , 0.5 \n0.01,\t2,0.25\n0.02,-3.5, 0.125\n",
     "other ways to write a number": b"t,theta,beta\n+0.,1e0,.5\n1E-2,20e-1,+2.5E-1\n2.e-2,-35e-1,0000.125\n",
+    "columns turned round": b"beta,theta,t\n0.5,1,0\n0.25,2,0.01\n0.125,-3.5,0.02\n",
     "a note of three lines": b't,theta,beta,note\n0,1,0.5,"a\nb\nc"\n0.01,2,0.25,\n0.02,-3.5,0.125,"say ""no"""\n',
     "a note in another script": "t,theta,beta,\u03b8\n0,1,0.5,\u00b0\n0.01,2,0.25,\u2603\n0.02,-3.5,0.125,\n".encode()}
 
