@@ -137,3 +137,35 @@ def wheel(washout: float = 1.0, half_period: float = 5.0) -> dict[str, np.ndarra
             rows.append((k * h, round((x[0] + 5e-5 * rng.normal()) / 3.14e-4) * 3.14e-4, u))
         x = runge_kutta(slope, x, h)
     return dict(zip(("t", "theta", "beta_cmd"), np.array(rows).T, strict=True))
+
+
+def rate_loop(delay: float = 0.034, gain: float = 88.0) -> dict[str, np.ndarray]:
+    """4 s of a small quadrotor's roll at 500 Hz, gyro and command alone: theta_ddot = gain u(t - delay) + 3 sin(2t), a
+    loop that closes on the rate."""
+    rng, h, x, wanted, rows = np.random.default_rng(7), 0.002, np.zeros(2), 0.0, []
+    line = [0.0] * (round(delay / h) + 1)
+    for k in range(2000):
+        rate = x[1] + 0.01 * rng.normal()
+        wanted = rng.uniform(-1.0, 1.0) if k % 50 == 0 else wanted
+        command = float(np.clip(0.12 * (wanted - rate) + 0.05 * rng.normal(), -1.0, 1.0))
+        rows.append((k * h, rate, command))
+        line = [*line[1:], command]
+        a = gain * line[0] + 3.0 * math.sin(2.0 * k * h)
+        x = x + h * np.array([x[1] + 0.5 * h * a, a])
+    return dict(zip(("t", "theta_dot", "beta_cmd"), np.array(rows).T, strict=True))
+
+
+def swing(friction: float = 0.15, closed_up: bool = False) -> dict[str, np.ndarray]:
+    """23 s of a free pendulum with Coulomb friction [rad/s^2], 20 Hz; closed_up: three samples that were lost at 0.3 s
+    are missing from the stamps too."""
+    h, x, angles = 0.005, [-0.67, 0.0], []
+
+    def slope(x: list[float]) -> list[float]:
+        return [x[1], -10.4 * math.sin(x[0]) - friction * math.tanh(x[1] / 0.005)]
+
+    for k in range(4600):
+        if k % 10 == 0 and not (closed_up and 60 <= k < 90):
+            angles.append(round(x[0] / 3.14e-4) * 3.14e-4)
+        x = runge_kutta(slope, x, h)
+    theta = np.array(angles)
+    return {"t": 0.05 * np.arange(len(theta)), "theta": theta, "beta_cmd": np.zeros(len(theta))}
