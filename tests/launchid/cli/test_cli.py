@@ -252,14 +252,18 @@ def test_a_figure_is_written_as_its_suffix_says_the_same_twice(launchid, folder,
 # ---- reproduce
 
 
-def test_reproduce_writes_its_table_its_results_and_its_figure(launchid, tmp_path):
-    status, out, err = launchid("reproduce", "--case", "windowed", "--seeds", "1", "--out", tmp_path / "r")
-    assert status == 0 and err.splitlines()[-1].startswith("windowed: holds, 70 of 70 windows")
-    assert "| windowed |" in out and "holds" in out
-    made = {path.name: path.read_bytes() for path in (tmp_path / "r").iterdir()}
-    assert {"table.md", "results.json"} <= set(made)
-    assert any(name.endswith(".png") and data.startswith(b"\x89PNG") for name, data in made.items())
-    rows = strict_json(made["results.json"].decode())["windowed"]
+@pytest.mark.parametrize("names", ["a", pytest.param("ab", marks=pytest.mark.campaign)])
+def test_reproduce_writes_the_same_bytes_twice(launchid, tmp_path, names):
+    outputs = []
+    for name in names:
+        status, out, err = launchid("reproduce", "--case", "windowed", "--seeds", "1", "--out", tmp_path / name)
+        assert status == 0 and err.splitlines()[-1].startswith("windowed: holds, 70 of 70 windows")
+        assert "| windowed |" in out and "holds" in out
+        outputs.append({path.name: path.read_bytes() for path in (tmp_path / name).iterdir()})
+    assert outputs[0] == outputs[-1]
+    assert {"table.md", "results.json"} <= set(outputs[0])
+    assert any(name.endswith(".png") and data.startswith(b"\x89PNG") for name, data in outputs[0].items())
+    rows = strict_json(outputs[0]["results.json"].decode())["windowed"]
     assert rows[0]["inside"] == rows[0]["counted"] == rows[0]["exact_support"] == 70
     assert rows[0]["worst_a6"] < 0.01 and rows[0]["worst_k1"] < 0.01
     assert rows[0]["verdict"] == "holds"

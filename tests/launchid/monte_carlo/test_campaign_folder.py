@@ -109,33 +109,18 @@ def cell(row: int, column: int, text: bytes) -> Damage:
 TABLES: dict[str, Damage] = {
     "emptied": lambda data: b"",
     "its header alone": lines(lambda rows: rows[:1]),
-    "ten copies of its first eight rows": lines(lambda rows: rows[:1] + 10 * rows[1:9]),
     "one copy of a row more": lines(lambda rows: [*rows, rows[-1]]),
     "a row in the place of another": lines(lambda rows: [*rows[:5], rows[4], *rows[6:]]),
-    "two rows exchanged": lines(lambda rows: [*rows[:5], rows[6], rows[5], *rows[7:]]),
     "its first row missing": lines(lambda rows: rows[:1] + rows[2:]),
-    "a row in the middle missing": lines(lambda rows: rows[:5] + rows[6:]),
-    "its last row missing": lines(lambda rows: rows[:-1]),
     "its last row torn": lambda data: data[:-40],
-    "eight rows": lines(lambda rows: rows[:9]),
     "another seed's vehicle": cell(4, 1, b"0.5"),
-    "a seed in other digits": cell(4, 0, b"3.0"),
     "lost twice": cell(4, 3, b"2"),
-    "half lost": cell(4, 3, b"0.5"),
     "a magnitude below 0": cell(4, 6, b"-0.1"),
     "a word": cell(4, 6, b"high"),
-    "a number of 5000 digits": cell(4, 6, b"x" + b"9" * 5000),
     "a byte 0xff": cell(4, 6, b"\xff"),
-    "a cell of 200 kB": cell(4, 6, b"1" * 200_000),
-    "a NUL": cell(4, 6, b"\0"),
-    "a quote that is not closed": cell(4, 6, b'"'),
     "a cell too many": cell(4, 6, b"0.1,0.1"),
-    "two columns of one name": cell(0, 6, b"max_alpha"),
     "a column that no flight has": cell(0, 10, b"merit"),
-    "another header": lines(lambda rows: [b"seed,error\n", *rows[1:]]),
     "an archive": lambda data: b"\x1f\x8b" + data,
-    "UTF-16": lambda data: data.decode().encode("utf-16"),
-    "blanks": lambda data: b"\n" * 100,
 }
 
 
@@ -177,16 +162,11 @@ def replaced(key: str, value: object) -> Damage:
 DEEP = b"[" * 100_000 + b"]" * 100_000
 DEFINITIONS: dict[str, Damage] = {
     "nested": lambda data: DEEP,
-    "nested within": lambda data: data.replace(b'"requirements": [', b'"requirements": [' + DEEP + b","),
     "a number of 5000 digits": lambda data: data.replace(b'"seed": 0', b'"seed": ' + b"9" * 5000),
     "a number of 400 digits": lambda data: data.replace(b'"seed": 0', b'"seed": ' + b"9" * 400),
-    "two megabytes": lambda data: data + b" " * 2_000_000 + b"x",
-    "no flights": replaced("flights", 0), "fewer than none": replaced("flights", -N), "true": replaced("flights", True),
-    "half a seed": replaced("seed", 0.5), "a seed as text": replaced("seed", "0"), "no seed": replaced("seed", None),
-    "requirements of numbers": replaced("requirements", [[[1]]]), "one requirement": replaced("requirements", ASKED),
-    "a version as a map": replaced("version", {"a": [1]}),
-    "an empty map": lambda data: b"{}", "cut": lambda data: data[:-9], "nothing": lambda data: b"",
-    "NUL": lambda data: bytes(len(data)), "no UTF-8": lambda data: b"\xff" + data,
+    "no flights": replaced("flights", 0), "half a seed": replaced("seed", 0.5),
+    "requirements of numbers": replaced("requirements", [[[1]]]), "an empty map": lambda data: b"{}",
+    "cut": lambda data: data[:-9], "no UTF-8": lambda data: b"\xff" + data,
 }
 
 
@@ -212,16 +192,12 @@ def second(text: bytes) -> Damage:
 ROW = {"lost": 0, "end": 0.1, "max_theta_error": 0.1, "max_theta_dot": 0.1, "max_alpha": 0.1, "max_beta": 0.1,
        "max_beta_rate": 0.1}
 JOURNALS: dict[str, Damage] = {
-    "nested": lambda data: DEEP + b"\n", "nested within": second(b"[0, " + DEEP + b"]"), "rubbish": second(b"\xff\xfe"),
-    "a job alone": second(b"[0]"), "no list": second(b"7"), "a map": second(b'{"0": 1, "1": 2}'),
-    "a job that there is not": journal_line([N, ROW]), "a job below 0": journal_line([-1, ROW]),
-    "true for a job": journal_line([True, ROW]), "a list for a row": journal_line([0, [1]]),
-    "a row of lists": journal_line([0, {**ROW, "lost": [0]}], 1),
+    "nested": lambda data: DEEP + b"\n", "rubbish": second(b"\xff\xfe"),
+    "a job alone": second(b"[0]"), "a job that there is not": journal_line([N, ROW]),
+    "a list for a row": journal_line([0, [1]]),
     "a row of something else": journal_line([0, {"x": 1}], 1),
-    "a number of 400 digits": second(b'[0, {"lost": ' + b"9" * 400 + b"}]"),
     "lost twice": journal_line([0, {**ROW, "lost": 2}], 1),
-    "a magnitude below 0": journal_line([0, {**ROW, "end": -1}], 1),
-    "a column twice": journal_line([0, {**ROW, "seed": 7}], 1), "not lost": journal_line([0, {"end": 0.1}], 1),
+    "a column twice": journal_line([0, {**ROW, "seed": 7}], 1),
     "another campaign's": lambda data: data.replace(b"launchid campaign", b"launchid champagne"),
     "more jobs": lines(lambda rows: [rows[0].replace(b", 30]", b", 31]"), *rows[1:]]),
 }
