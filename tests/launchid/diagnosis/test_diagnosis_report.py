@@ -18,6 +18,7 @@ import pytest
 
 import launchid
 from launchid import charts
+from launchid.commands.diagnose import Diagnosed
 from launchid.diagnosis.answer import extension
 from launchid.diagnosis.answer import report as json_of
 from launchid.diagnosis.report import page as report_module
@@ -56,7 +57,7 @@ def measured(effects=(), in_degrees=False, name="<flight & test>.csv"):
 
 
 @pytest.fixture(scope="module")
-def explained() -> launchid.Diagnosis:
+def explained() -> Diagnosed:
     """A loss of control that is named."""
     return launchid.diagnose(*measured([effect("control_loss", fraction=0.4, time=10.0)]))
 
