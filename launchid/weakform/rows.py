@@ -127,9 +127,10 @@ class Rows:
                        bounds=np.concatenate([[0], inside, [n]]))
 
 
-def usable(seen: CheckedLog) -> Rows | None:
+def usable(seen: CheckedLog, *, is_steadied: bool = True) -> Rows | None:
     """Return the rows of a log; None where they make no stretch.
 
+    is_steadied   theta as theta_dot tells what it does fast, with less noise than its sensor's; else as it is measured
     One or two missing cells in a row are bridged by lines; a rate that is not measured is the slope of theta.
     """
     log = seen.log
@@ -157,7 +158,7 @@ def usable(seen: CheckedLog) -> Rows | None:
     command = log.beta_cmd[times][there]
     noise, doubt = nozzle_noise(rows, [theta, *([rate] if has_rate else []), *([command] if np.isfinite(command).all()
                                                                              else [])])
-    means = thinned(replace(rows, theta=steadied(rows)) if has_rate else rows)
+    means = thinned(replace(rows, theta=steadied(rows)) if has_rate and is_steadied else rows)
     return with_noise_levels(replace(means, beta_noise=noise * rows.period / means.period,
                                      beta_doubt=doubt * rows.period / means.period))
 
