@@ -38,7 +38,7 @@ MIN_ROWS_A_STRETCH = 4  # rows of a stretch
 BRIEF = 0.02         # s of a slope of beta: a nozzle does nothing faster
 FAST_TIME = 1.0      # s: what theta does in a shorter time is its fast part
 FAST_THETA = "fast theta"
-STEADY_TIME = 0.25   # s to either side: what theta does faster is told by theta_dot, whose integral has less noise
+STEADY_TIME = 0.25   # s to either side at most, over which theta_dot's integral tells what theta does
 ROUGH_ORDERS = (3, 8)  # of the differences of beta that tell its noise, which both show alike, from motion
 ROUGH_LAGS = 4       # rows, this one among them, by which beta may follow what else is logged
 NUDGE = 1.0e-6      # rad, rad/s: of a difference quotient
@@ -164,17 +164,19 @@ def usable(seen: CheckedLog, *, is_steadied: bool = True) -> Rows | None:
 
 
 def steadied(rows: Rows) -> np.ndarray:
-    """Return theta (n,) [rad] as the integral of a measured theta_dot, from which it is less than STEADY_TIME off.
+    """Return theta (n,) [rad] as the integral of a measured theta_dot about theta's mean, over as many rows as make
+    the noise of both least.
 
-    What the controller answers of theta's own noise is correlated with it: in a regression on theta that is a motion.
+    What the controller answers to theta's own noise is correlated with it: to a regression on theta it is a motion.
     """
+    least_noise = math.sqrt(3.0 * noise_variance(rows.theta) / noise_variance(rows.theta_dot)) / rows.period
+    most = int(min(least_noise, STEADY_TIME / rows.period))
     parts = []
     for a, b in itertools.pairwise(rows.bounds.tolist()):
-        t, rate, n = rows.t[a:b], rows.theta_dot[a:b], b - a
+        t, rate, at = rows.t[a:b], rows.theta_dot[a:b], np.arange(b - a)
         turned = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (rate[1:] + rate[:-1]))])
         whole = np.concatenate([[0.0], np.cumsum(rows.theta[a:b] - turned)])
-        reach = np.minimum(np.minimum(np.arange(n), np.arange(n)[::-1]), round(STEADY_TIME / rows.period))
-        at = np.arange(n)
+        reach = np.minimum(np.minimum(at, at[::-1]), most)
         parts.append(turned + (whole[at + reach + 1] - whole[at - reach]) / (2 * reach + 1))
     return np.concatenate(parts)
 
