@@ -463,7 +463,7 @@ def term_modes(rows: Rows, terms: tuple[str, ...]) -> Modes:
 
 
 def derivatives(rows: Rows, term: str, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the derivatives (n,) of a term, whose value (n,) is given, for theta, for a theta_dot that is measured, and
+    """Return the derivatives (n,) of a term, whose value (n,) is given, for theta, a theta_dot that is measured, and
     for beta: difference quotients."""
     none = np.zeros(len(value))
     if term == FAST_THETA:
