@@ -127,9 +127,9 @@ def test_silent_connections_to_both_ports(nominal, rows, quiet, many_descriptors
 
 
 @pytest.mark.parametrize(("n", "first"), [
-    (300, b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n"),             # that do not end
-    (300, b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"),         # that are never read
-    (300, b"GET / HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"), (300, b"\0"), (300, b"X" * 70_000)])
+    (150, b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n"),             # that do not end
+    (150, b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"),         # that are never read
+    (150, b"GET / HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"), (150, b"\0"), (150, b"X" * 70_000)])
 def test_requests_that_hold_make_no_more_threads_than_there_may_be(n, first):
     server = Server(Live({"source": "x"}), 0)
     try:
