@@ -11,8 +11,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
+from shortened import short
 from test_diagnosis import log_of
-from test_effects_outside import MODEL_A6, MODEL_K1, PERIOD, exact, probed, short
+from test_effects_outside import MODEL_A6, MODEL_K1, PERIOD, exact, probed
 from unjitted import unjitted
 
 from launchid.bound.flights import flight_bound

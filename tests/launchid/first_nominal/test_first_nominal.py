@@ -11,7 +11,7 @@ import pytest
 
 from launchid.cli.main import main
 from launchid.first_nominal.channels import channels
-from launchid.log.log import write_flight
+from launchid.log.log import write_columns, write_flight
 from launchid.sources import read_log
 from sim.flight import fly_whole
 from sim.nominal import Wind, load_nominal
@@ -30,8 +30,7 @@ def flown(name: str = "constant", seed: int = 0, duration: float = DURATION, del
 
 
 def saved(path: Path, columns: dict[str, np.ndarray]) -> Path:
-    path.write_text(",".join(columns) + "\n" + "".join(",".join(map(repr, row)) + "\n" for row in zip(
-        *(column.tolist() for column in columns.values()), strict=True)))
+    write_columns(path, columns)
     return path
 
 

@@ -1,7 +1,6 @@
 """A campaign's folder that is not what its definition says is exit status 3 in one line, and what it has stays; one run
 at a time writes into it, and a run that is killed leaves no lock."""
 
-import dataclasses
 import json
 import os
 import shutil
@@ -12,12 +11,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from test_requirement_folder import files, nominal_of
 
 from launchid.cli.main import main
 from launchid.commands.campaign import campaign
 from launchid.monte_carlo.folder_lock import LOCK, locked
 from launchid.monte_carlo.requirement.folder import CAMPAIGN, FLIGHTS_FILE, JOURNAL
-from sim.nominal import Nominal, Offsets, load_nominal, write_nominal
+from sim.nominal import Nominal, Offsets, load_nominal
 
 ROOT = Path(__file__).resolve().parents[3]
 N = 30
@@ -25,13 +25,8 @@ ASKED = "lost<0.2@0.9"   # decided by the 18th flight without a failure
 Damage = Callable[[bytes], bytes]
 
 
-def nominal_of(folder: Path, duration: float = 0.1) -> Nominal:
-    """`constant`, short, at half of its rate, as a file in this folder."""
-    nominal = load_nominal("constant")
-    assert nominal.simulation is not None
-    simulation = dataclasses.replace(nominal.simulation, duration=duration, step=0.002)
-    write_nominal(dataclasses.replace(nominal, simulation=simulation, offsets=Offsets(moment=1e-3)), folder / "n.toml")
-    return load_nominal(folder / "n.toml")
+def small(folder: Path, duration: float = 0.1) -> Nominal:
+    return nominal_of(folder, duration, offsets=Offsets(moment=1e-3))
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +34,7 @@ def flown(tmp_path_factory) -> Path:
     """A folder with the nominal and four campaigns: one that is whole, one that stopped, one that was interrupted, and
     the part after the first."""
     folder = tmp_path_factory.mktemp("flown")
-    nominal = nominal_of(folder)
+    nominal = small(folder)
     assert campaign(nominal, out=folder / "whole", flights=N, workers=1).report["lost"] == 0
     stopped = campaign(nominal, out=folder / "stopped", flights=N, requirement=ASKED, workers=1)
     assert stopped.verdict == "met" and 8 < stopped.report["flown"] < N
@@ -60,10 +55,6 @@ def place(flown, tmp_path) -> Path:
     """A copy of it, to be damaged."""
     shutil.copytree(flown, tmp_path, dirs_exist_ok=True)
     return tmp_path
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
 
 
 def refused(capsys, place: Path, *words: str) -> str:
@@ -231,7 +222,7 @@ def test_a_folder_in_use_is_one_line_for_each_who_would_write(place, capsys):
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_a_second_run_is_refused_and_a_killed_one_leaves_no_lock(tmp_path, capsys):
     """The run is killed with its worker alive, which goes a second later: the lock is not the worker's."""
-    nominal = nominal_of(tmp_path, 10.0)
+    nominal = small(tmp_path, 10.0)
     words = ["campaign", str(tmp_path / "n.toml"), "--flights", "150", "--workers", "1", "--out", str(tmp_path / "out")]
     journal = tmp_path / "out" / JOURNAL
     with subprocess.Popen([sys.executable, "-m", "sim", *words], cwd=ROOT, stderr=subprocess.DEVNULL) as process:
