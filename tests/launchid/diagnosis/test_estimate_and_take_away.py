@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hidden import OTHER, draw_spec, fly
+from hidden import draw_spec, fly
 
 from launchid.diagnosis.adapter import read
 from launchid.diagnosis.answer import lines, report
@@ -36,25 +36,6 @@ def clean():
 
 
 # ---- the answer with a known truth
-
-
-@LONG
-@pytest.mark.parametrize(("cause", "parameter", "nominal"), [
-    ("slosh", "coupling", "constant"), ("actuator_delay", "delay", "vega_like"),
-    ("moment_step", "acceleration", "constant")])
-def test_a_cause_is_named_with_its_size(cause, parameter, nominal):
-    log, label = hidden((cause,), 71003, nominal, 3.0, duration=60.0)
-    result = diagnose(log, load_nominal(nominal))
-    assert result.verdict == "explained"
-    assert [each.cause for each in result.named] == [cause]
-    value, std = result.named[0].parameters[parameter]
-    assert abs(value - label.causes[0]["parameters"][parameter]) < 4.0 * std
-
-
-@LONG
-def test_two_causes_are_named_together():
-    log, _ = hidden(("gyro_scale", "aero_damping"), 71005, variant=OTHER, factor=3.0)
-    assert {each.cause for each in diagnose(log, load_nominal("constant")).named} == {"gyro_scale", "aero_damping"}
 
 
 def test_the_answer_is_the_contracts():
