@@ -11,8 +11,6 @@ from ..sums import along, square
 from .model import Model
 
 CONVERGED = 0.05       # of the objective: less in a step ends the iterations
-RIDGE = 1e-10          # of each number's own information, added to it: two that are told together are solved for too
-BOUNDED_ROUNDS = 3     # times the numbers, changes of the active set at most
 LEVEL_STEP = 1.0       # of a level's logarithm, the largest in a step
 
 
@@ -85,39 +83,10 @@ def inverse(m: Model, fit: Fit) -> np.ndarray:
     return np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
 
 
-def bounded(A: np.ndarray, b: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the d (k,) of least d'Ad/2 - b'd between low <= 0 and high >= 0.
-
-    The active set of Stark and Parker, Bounded-variable least squares (1995): from a point within the bounds towards
-    the least over the free numbers, as far as the first bound; the number that met it is held there and the others are
-    solved for anew.  At a least, of the held numbers the one that its gradient draws inwards most is set free.  A may
-    be singular: what two numbers do alike they share.
-    """
-    s = 1.0 / np.sqrt(np.diag(A))
-    A, b, low, high = A * np.outer(s, s) + RIDGE * np.eye(len(b)), b * s, low / s, high / s
-    d, free = np.zeros(len(b)), np.ones(len(b), bool)
-    for _ in range(BOUNDED_ROUNDS * len(b)):
-        way, reach = np.zeros(len(b)), np.full(len(b), np.inf)
-        way[free] = np.linalg.solve(A[np.ix_(free, free)], (b - A @ d)[free])
-        moves = way != 0.0
-        reach[moves] = (np.where(way > 0.0, high, low) - d)[moves] / way[moves]
-        first = int(np.argmin(reach))
-        if reach[first] < 1.0:
-            d += reach[first] * way
-            d[first], free[first] = high[first] if way[first] > 0.0 else low[first], False
-            continue
-        d += way
-        inwards = np.where(free, 0.0, (A @ d - b) * np.where(d >= high, 1.0, -1.0))
-        if not inwards.max() > RIDGE * np.abs(b).max():
-            break
-        free[int(np.argmax(inwards))] = True
-    return np.clip(d, low, high) * s
-
-
 def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset[int] = frozenset(),
                  rounds: int = 3, J: np.ndarray | None = None) -> Fit:
-    """Minimise squares and priors over `free`, each step the least within their bounds, in so many rounds
-    beside those that halve them; J (r, free) the slopes at p, where they are known."""
+    """Minimise squares and priors over `free`, numbers held at a bound that they press against (Bertsekas 1982), in so
+    many rounds beside those that halve them; J (r, free) the slopes at p, where they are known."""
     F = np.array(free, int)
     low, high = limits(m, band)
     p = p.copy()
@@ -129,10 +98,21 @@ def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset
         w = m.prior[F]**-2.0
         A = gram(J) + np.diag(w)
         b = -along(J, e) - w * (p - m.null)[F]
-        moved, done = False, True
+        s = 1.0 / np.sqrt(np.diag(A))
+        A, moved, done = A * np.outer(s, s), False, True
         for damping in (0.0, 0.1, 1.0, 10.0):
+            inside = np.ones(len(F), bool)
+            d = np.zeros(len(F))
+            for _ in range(4):
+                d[:] = 0.0
+                d[inside] = np.linalg.solve(A[np.ix_(inside, inside)] + (1e-10 + damping) * np.eye(inside.sum()),
+                                            (b * s)[inside]) * s[inside]
+                out = inside & ((p[F] >= high[F] - 1e-12) & (d > 0.0) | (p[F] <= low[F] + 1e-12) & (d < 0.0))
+                if not out.any():
+                    break
+                inside &= ~out
             q = p.copy()
-            q[F] += bounded(A + damping * np.diag(np.diag(A)), b, (low - p)[F], (high - p)[F])
+            q[F] = np.clip(p[F] + d, low[F], high[F])
             eq = m.white(q)
             value = objective(m, eq, q)
             if value < best:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..sums import along, combined, square
-from .estimate import Fit, at_bound, bounded, gram, information, inverse, limits
+from .estimate import Fit, at_bound, gram, information, inverse, limits
 from .model import MODEL_FOLDS, SCORE_BLOCKS, Model
 
 FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
@@ -31,37 +31,38 @@ def fold_fits(m: Model, fit: Fit) -> list[np.ndarray]:
 def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
     """(left-out errors, numbers of each fold): from the fit to all, steps with its slopes, errors computed anew.
 
-    The gradient left at the fit to all is nobody's, but for what presses a number against its bound, which a fold may
-    turn; a fold that runs away is taken linearly.  What happens once cannot be left out and stays as fitted: its gain
-    must be the larger.
+    The gradient left at the fit to all is nobody's; a fold that runs away is taken linearly.  What happens once cannot
+    be left out and stays as fitted: its gain must be the larger.
     """
-    keep = [i for i in range(len(fit.free)) if fit.free[i] not in _once(m)]
+    stuck = set(at_bound(m, fit))
+    keep = [i for i in range(len(fit.free)) if i not in stuck and fit.free[i] not in _once(m)]
     if not keep:
         return fit.e.copy(), [fit.p] * MODEL_FOLDS
     F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, m.white(fit.p, frozen=True)
     out, fits = e.copy(), []
     w = m.prior[F]**-2.0
-    grams = [gram(J[m.fold == f]) for f in range(MODEL_FOLDS)]
+    A = gram(J) + np.diag(w)
     lowest, highest = limits(m, fit.band)
     low, high, g0 = lowest[F], highest[F], along(J, e)
-    presses = np.where(np.isin(keep, at_bound(m, fit)), g0 + w * (p - m.null)[F], 0.0)
     for f in range(MODEL_FOLDS):
         mine = m.fold == f
         fits.append(p)
         if not mine.any():
             continue
         Jf = J[mine]
-        Af = sum((each for k, each in enumerate(grams) if k != f), np.diag(w))   # no differences: nothing cancels
+        Af = A - gram(Jf)
+        s = 1.0 / np.sqrt(np.diag(Af) + 1e-300)
+        As = Af * np.outer(s, s) + 1e-9 * np.eye(len(s))
 
         def worth(er: np.ndarray, q: np.ndarray, mine: np.ndarray = mine) -> float:
             moved = (q - p)[F]
-            return square(er) - square(er[mine]) + float((moved * w + 2.0 * (presses - g0)) @ moved)
+            return square(er) - square(er[mine]) + float((moved * w) @ moved - 2.0 * g0 @ moved)
 
         q, eq, best, first = p, e, worth(e, p), True
         for _ in range(FOLD_STEPS):
-            g = along(J, eq - e) - along(Jf, eq[mine]) + w * (q - p)[F] + presses
+            g = along(J, eq - e) - along(Jf, eq[mine]) + w * (q - p)[F]
             r = q.copy()
-            r[F] += bounded(Af, -g, low - q[F], high - q[F])
+            r[F] = np.clip(q[F] - np.linalg.solve(As, g * s) * s, low, high)
             move = r[F] - q[F]
             if first:
                 out[mine] = e[mine] + combined(Jf, move)
