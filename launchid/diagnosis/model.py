@@ -182,16 +182,18 @@ class Model:
         self.levels = self.levels0.copy()
         self.inputs.clear()
 
-    def retime(self, late: float) -> None:
+    def retime(self, late: float) -> bool:
         """Put the gyro's column earlier, by the whole rows of so late a gyro [s]: no series of few terms says what it
-        does between them."""
+        does between them.  Whether there are any."""
         row = float(np.median(self.dt))
         rows = round((late - self.retimed) / row)
-        if rows > 0 and self.is_flown and self.has["theta_dot"]:
-            z = self.z.copy()
-            z[:-rows, 1] = self.z[rows:, 1]
-            z[-rows:, 1] = np.nan
-            self.z, self.retimed, self.flat = z, self.retimed + rows * row, np.zeros(0, np.int64)
+        if rows < 1 or not self.is_flown:
+            return False
+        z = self.z.copy()
+        z[:-rows, 1] = self.z[rows:, 1]
+        z[-rows:, 1] = np.nan
+        self.z, self.retimed, self.flat = z, self.retimed + rows * row, np.zeros(0, np.int64)
+        return True
 
     # ---- numbers to the filter's arrays
 

@@ -173,6 +173,9 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
     p = everything(m)
     say("taking away")
     el = Search(m, notes).run(p)
+    if any(k.group.name == "gyro_delay" for k in el.kept) and m.retime(float(el.final.p[m.index("gyro_delay")])):
+        fit_levels(m, el.full.p)
+        el = Search(m, notes).run(el.full.p)
     p = with_found(m, el.final, el.full.p)   # shapes that show once the numbers that are not needed are gone
     if len(p) > len(el.full.p):
         el = Search(m, notes).run(p)
@@ -199,8 +202,6 @@ def everything(m: Model) -> np.ndarray:
     """The numbers with every usual one and what the scan found free; noise levels there."""
     start = limited(m) if m.is_commanded and m.is_flown else best_delay(m, m.null)
     fit = gauss_newton(m, start, tuple(range(len(m.numbers))), frozenset(), 3)
-    if "gyro_delay" in m.names:
-        m.retime(float(fit.p[m.index("gyro_delay")]))
     fit_levels(m, fit.p)
     fit = gauss_newton(m, fit.p, fit.free, frozenset(), 3)
     fit_levels(m, fit.p)
