@@ -5,9 +5,7 @@ The latter, and the last rows of the former, were found by mutation (`mutated.py
 
 import gzip
 import math
-import struct
 import zipfile
-import zlib
 from io import BytesIO
 
 HEAD = b"t,theta,beta\n"
@@ -43,14 +41,6 @@ def zipped() -> bytes:
     return file.getvalue()
 
 
-def picture() -> bytes:
-    """A PNG of one pixel."""
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0)) + \
-        chunk(b"IDAT", zlib.compress(b"\x00\x00")) + chunk(b"IEND", b"")
-
-
 CSV = "; expected a UTF-8 CSV file"
 TEXT = GOOD.decode()
 NO_ROW = "no usable row; expected rows with finite t, theta, beta"
@@ -64,70 +54,40 @@ MALFORMED: dict[str, tuple[bytes, str]] = {
     "a byte order mark alone": (b"\xef\xbb\xbf", "empty file; expected a header with t, theta, beta"),
     "blank lines alone": (b"\n\r\n\n", "empty file; expected a header with t, theta, beta"),
     "UTF-16 with a mark": (TEXT.encode("utf-16"), "this is UTF-16 text; save it as UTF-8" + CSV),
-    "UTF-16 of the other order": (b"\xfe\xff" + TEXT.encode("utf-16-be"),
-                                  "this is UTF-16 text; save it as UTF-8" + CSV),
     "UTF-16 without a mark": (TEXT.encode("utf-16-le"),
                               "line 1: a NUL character, as UTF-16 and binary files have" + CSV),
     "UTF-32": (TEXT.encode("utf-32"), "this is UTF-32 text; save it as UTF-8" + CSV),
     "Latin-1": (cell(b"1\xb0"), "line 3: the byte 0xb0 is not UTF-8" + CSV),
-    "Latin-1 in a column that is ignored": (b"t,theta,beta,note\n0,1,2,\xe9t\xe9\n",
-                                            "line 2: the byte 0xe9 is not UTF-8" + CSV),
     "Latin-1 in the header": (b"t,theta,beta,temp\xe9rature\n0,1,2,3\n", "line 1: the byte 0xe9 is not UTF-8" + CSV),
-    "Latin-1 far behind the first buffer": (GOOD * 1 + b"# \xb0C\n", "line 202: the byte 0xb0 is not UTF-8" + CSV),
     "half a character at the end": (GOOD + b"2.00,1,\xc3", "line 202: the byte 0xc3 is not UTF-8" + CSV),
-    "an overlong character": (cell(b"\xc0\xb1"), "line 3: the byte 0xc0 is not UTF-8" + CSV),
-    "a surrogate in UTF-8": (cell(b"\xed\xa0\x80"), "line 3: the byte 0xed is not UTF-8" + CSV),
     "NUL throughout": (bytes(300), "line 1: a NUL character, as UTF-16 and binary files have" + CSV),
-    "NUL in the header": (b"t,the\x00ta,beta\n0,1,2\n",
-                          "line 1: a NUL character, as UTF-16 and binary files have" + CSV),
     "NUL in a cell": (cell(b"1\x00"), no_number(r"'1\x00'")),
-    "NUL in the place of a cell": (cell(b"\x00"), no_number(r"'\x00'")),
     "NUL at the end, of a file that was not closed": (
         GOOD + bytes(512), "line 202: NUL characters; expected a sample (a file that was not closed may end so)"),
     "gzip": (gzip.compress(GOOD, mtime=0), "this is a gzip archive; unpack it first" + CSV),
-    "bzip2": (b"BZh91AY&SY" + bytes(range(128, 160)), "this is a bzip2 archive; unpack it first" + CSV),
-    "xz": (b"\xfd7zXZ\x00\x00\x04" + bytes(40), "this is an xz archive; unpack it first" + CSV),
-    "zstd": (b"\x28\xb5\x2f\xfd" + bytes(40), "this is a zstd archive; unpack it first" + CSV),
     "zip": (zipped(), "this is a zip archive, as a spreadsheet is; unpack it, or save the sheet as CSV" + CSV),
     "an old spreadsheet": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(100),
                            "this is a spreadsheet or document; save the sheet as CSV" + CSV),
-    "a PNG picture": (picture(), "this is a picture" + CSV),
-    "a JPEG picture": (b"\xff\xd8\xff\xe0\x00\x10JFIF" + bytes(100), "this is a picture" + CSV),
-    "a GIF picture": (b"GIF89a" + bytes(100), "this is a picture" + CSV),
+    "a PNG picture": (b"\x89PNG\r\n\x1a\n" + bytes(100), "this is a picture" + CSV),
     "a PDF": (b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n", "this is a PDF" + CSV),
     "a database": (b"SQLite format 3\x00" + bytes(100),
                    "this is an SQLite database; export the table as CSV" + CSV),
-    "a program": (b"\x7fELF\x02\x01\x01" + bytes(100), "this is a program" + CSV),
     "a web page": (b"<!DOCTYPE html>\n<html><body>404</body></html>\n", "this is a web page" + CSV),
-    "a web page without a type": (b"<html><body>404</body></html>\n", "this is a web page" + CSV),
-    "XML": (b'<?xml version="1.0"?>\n<log/>\n', "this is XML" + CSV),
     "JSON": (b'{"t": [0, 1], "theta": [0, 1]}\n', header("""t' is missing (found '{"t": [0,1],"theta": [0,1]}')""")),
-    "a nominal": (b'name = "constant"\n[vehicle]\n', header("""t' is missing (found 'name = "constant"')""")),
-    "text": (b"the quick brown fox\n", header("t' is missing (found 'the quick brown fox')")),
     # ---- the header
     "header only": (HEAD, NO_ROW),
-    "header without an end of line": (HEAD.strip(), NO_ROW),
-    "only comments": (b"# a log\n# of nothing\n", header("t' is missing (found '# a log')")),
     "a comment first": (b"# a log\n" + GOOD, header("t' is missing (found '# a log')")),
     "no header": (ROWS, header("t' is missing (found '0.00,0.000,1.000')")),
     "semicolons": (GOOD.replace(b",", b";"),
                    "line 1: semicolons where commas should be (found 't;theta;beta'); a map (--map) reads them; "
                    "expected a header with t, theta, beta"),
-    "semicolons and decimal commas": (
-        GOOD.replace(b",", b";").replace(b".", b","),
-        "line 1: semicolons where commas should be (found 't;theta;beta'); a map (--map) reads them; "
-        "expected a header with t, theta, beta"),
     "tabs": (GOOD.replace(b",", b"\t"),
              "line 1: tabs where commas should be (found 't\\ttheta\\tbeta'); a map (--map) reads them; "
                                         "expected a header with t, theta, beta"),
-    "bars": (GOOD.replace(b",", b"|"),
-             "line 1: bars where commas should be (found 't|theta|beta'); a map (--map) reads them; "
-                                       "expected a header with t, theta, beta"),
     "spaces": (GOOD.replace(b",", b" "), header("t' is missing (found 't theta beta')")),
     "no t": (b"theta,beta\n0,1\n",
              header("t' is missing (found 'theta,beta'); a map (--map) can give a period in its place")),
     "no theta": (b"t,beta\n0,1\n", header("theta' is missing (found 't,beta')")),
-    "no beta": (b"t,theta\n0,1\n", header("beta' is missing (found 't,theta')")),
     "units in the header": (b"t [s],theta [rad],beta [rad]\n0,1,2\n",
                             header("t' is missing (found 't [s],theta [rad],beta [rad]'); 't [s]'" + NEAR)),
     "upper case": (b"T,THETA,BETA\n0,1,2\n", header("t' is missing (found 'T,THETA,BETA'); 'T'" + NEAR)),
@@ -136,38 +96,25 @@ MALFORMED: dict[str, tuple[bytes, str]] = {
     "a long header": (b",".join(b"column%d" % k for k in range(1000)) + b"\n",
                       header("t' is missing (found 'column0,column1,column2,column3,column4,...')")),
     "a column twice": (b"t,theta,beta,theta\n0,1,2,3\n", "line 1: column 'theta' stands 2 times; expected once"),
-    "a column three times": (b"t,t,theta,t,beta\n0,1,2,3,4\n", "line 1: column 't' stands 3 times; expected once"),
-    "an ignored column twice": (b"t,theta,beta,x,x\n0,1,2,3,4\n", "line 1: column 'x' stands 2 times; expected once"),
     "gamma and alpha": (b"t,theta,beta,gamma,alpha\n0,1,2,3,4\n",
                         "line 1: columns gamma and alpha; expected one of them, the other follows from theta"),
     "an open quote in the header": (b't,"theta,beta\n0,1,2\n', "line 1: " + NO_QUOTE),
-    "text behind a quote in the header": (b't,"theta"x,beta\n0,1,2\n',
-                                          "line 1: text behind a closing quote; expected ',' there"),
     "a header in line 3 without beta": (b"\n\nt,theta\n0,1\n", "line 3: column 'beta' is missing (found 't,theta'); "
                                                               "expected a header with t, theta, beta"),
     # ---- rows
     "too few cells": (HEAD + b"0,1,2\n1,2\n2,1,2\n", "line 3: 2 cells, expected 3 as in the header"),
     "too many cells": (HEAD + b"0,1,2,3\n1,2,3\n", "line 2: 4 cells, expected 3 as in the header"),
-    "trailing commas in the rows": (HEAD + ROWS.replace(b"\n", b",\n"),
-                                    "line 2: 4 cells, expected 3 as in the header"),
     "cut short within a row": (GOOD[:-9], "line 201: 2 cells, expected 3 as in the header" + CUT),
     "cut short within a row's first number": (GOOD + b"2.", "line 202: 1 cell, expected 3 as in the header" + CUT),
     "cut short within a number's exponent": (HEAD + b"0,1,2\n0.01,1,2e-", no_number("'2e-'", 3, "beta")),
     "cut short within a quote": (GOOD + b'2.00,1,"2', "line 202: " + NO_QUOTE),
     "the same after blank lines": (HEAD + b"\n\r\n0,1,2\n\n\n1,2\n\n2,1,2\n",
                                    "line 7: 2 cells, expected 3 as in the header"),
-    "the same with CR alone": (HEAD.replace(b"\n", b"\r") + b"0,1,2\r1,2\r2,1,2\r",
-                               "line 3: 2 cells, expected 3 as in the header"),
-    "the same with mixed line ends": (b"t,theta,beta\r\n0,1,2\r0.01,1,2\n0.02,1\n",
-                                      "line 4: 2 cells, expected 3 as in the header" + CUT),
     "the same after a cell of three lines": (b't,theta,beta,note\n0,1,2,"a\nb\nc"\n1,2\n2,1,2,d\n',
                                              "line 5: 2 cells, expected 4 as in the header"),
     "decimal commas": (HEAD + b"0,0,1,5,0,2\n", "line 2: 6 cells, expected 3 as in the header; "
                                                 "the numbers seem to have decimal commas: expected points"),
-    "decimal commas in quotes": (cell(b'"0,5"'), no_number("'0,5'")),
     "semicolons in the rows": (HEAD + b"0;1;2\n0.01;1;2\n", "line 2: 1 cell, expected 3 as in the header"),
-    "a comment between rows": (HEAD + b"0,1,2\n# restart\n0.01,1,2\n", "line 3: 1 cell, expected 3 as in the header"),
-    "an open quote": (HEAD + b'0,"1,2\n' + ROWS, "line 2: " + NO_QUOTE),
     "an open quote in line 102": (at_line_102(b'"1.00'), "line 102: " + NO_QUOTE),
     "an open quote in a long log": (HEAD + b'0,1,2\n0.01,"1,2\n' + ROWS * 50, "line 3: " + NO_QUOTE),
     "text behind a quote": (HEAD + b'0,"1"2,2\n', "line 2: text behind a closing quote; expected ',' there"),
@@ -175,56 +122,32 @@ MALFORMED: dict[str, tuple[bytes, str]] = {
                                      "line 102: the header stands here again; expected one log in a file"),
     "another header in the middle": (at_line_102(b"t,beta,theta\n1.00"), no_number("'t'", 102, "t")),
     "a row of units": (HEAD + b"s,rad,rad\n" + ROWS, no_number("'s'", 2, "t")),
-    "a row of units in brackets": (HEAD + b"[s],[rad],[rad]\n" + ROWS, no_number("'[s]'", 2, "t")),
     "a huge cell": (cell(b"1" * 200_000), "line 3: a cell of more than 131072 characters; expected a number"),
     "a line of two million characters": (cell(b"1," * 1_000_000),
                                          "line 3: more than 1048576 characters; expected one sample a line"),
     "a million commas": (HEAD + b"," * 1_000_000 + b"\n", "line 2: 1000001 cells, expected 3 as in the header"),
-    "no line ends at all": (b" " * 2_000_000, "line 1: more than 1048576 characters; expected one sample a line"),
     # ---- cells
     "a word": (cell(b"high"), no_number("'high'")),
-    "a word in line 102": (at_line_102(b"now"), no_number("'now'", 102, "t")),
     "the first of two": (HEAD + b"0,1,x\n0,y,2\n", no_number("'x'", 2, "beta")),
     "an optional column": (b"t,theta,beta,theta_dot\n0,1,2,fast\n", no_number("'fast'", 2, "theta_dot")),
     "digits of another script": (cell("\u0661".encode()), no_number(r"'\u0661'")),
-    "digits of full width": (cell("\uff11".encode()), no_number(r"'\uff11'")),
-    "a superscript": (cell("1\u00b2".encode()), no_number(r"'1\xb2'")),
-    "another minus sign": (cell("\u22121".encode()), no_number(r"'\u22121'")),
     "a dash for nothing": (cell(b"-"), no_number("'-'")),
-    "a point for nothing": (cell(b"."), no_number("'.'")),
     "NA": (cell(b"NA"), no_number("'NA'")),
-    "null": (cell(b"null"), no_number("'null'")),
-    "a NaN with its payload": (cell(b"nan(0x8000)"), no_number("'nan(0x8000)'")),
     "an infinity of another C": (cell(b"1.#INF"), no_number("'1.#INF'")),
-    "an infinity's sign of its own": (cell("\u221e".encode()), no_number(r"'\u221e'")),
-    "an overflow of a spreadsheet": (cell(b"#####"), no_number("'#####'")),
     "an error of a spreadsheet": (cell(b"#DIV/0!"), no_number("'#DIV/0!'")),
     "thousands with a comma": (cell(b'"1,000.5"'), no_number("'1,000.5'")),
     "thousands with an underscore": (cell(b"1_000"), no_number("'1_000'")),
-    "thousands with a space": (cell(b"1 000"), no_number("'1 000'")),
-    "thousands with an apostrophe": (cell(b"1'000"), no_number('"1\'000"')),
     "hexadecimal": (cell(b"0x10"), no_number("'0x10'")),
-    "a hexadecimal float": (cell(b"0x1.8p3"), no_number("'0x1.8p3'")),
     "an exponent of Fortran": (cell(b"1.5D-3"), no_number("'1.5D-3'")),
     "an exponent without digits": (cell(b"1e"), no_number("'1e'")),
-    "an exponent of many digits": (cell(b"1e00001"), no_number("'1e00001'")),
-    "an exponent that is no integer": (cell(b"1e1.5"), no_number("'1e1.5'")),
     "two points": (cell(b"1.2.3"), no_number("'1.2.3'")),
-    "two signs": (cell(b"--1"), no_number("'--1'")),
-    "a sign apart": (cell(b"- 1"), no_number("'- 1'")),
-    "a complex number": (cell(b"1+2j"), no_number("'1+2j'")),
-    "a fraction": (cell(b"1/2"), no_number("'1/2'")),
-    "a truth value": (cell(b"true"), no_number("'true'")),
     "a unit in the cell": (cell(b"0.1 rad"), no_number("'0.1 rad'")),
-    "degrees in the cell": (cell("5\u00b0".encode()), no_number(r"'5\xb0'")),
     "a date": (HEAD + b"2020-01-01T00:00:00,1,2\n", no_number("'2020-01-01T00:00:00'", 2, "t")),
-    "a time of day": (HEAD + b"12:00:01.5,1,2\n", no_number("'12:00:01.5'", 2, "t")),
     "a terminal's escape": (cell(b"\x1b[31m1"), no_number(r"'\x1b[31m1'")),
     "a line feed in quotes": (cell(b'"1\n2"'), no_number(r"'1\n2'")),
     "a long cell": (cell(b"x" * 5000), no_number("'" + "x" * 40 + "...'")),
     # ---- rows that are all right, and no log
     "all rows nan": (HEAD + b"nan,NaN,-nan\n" * 5, NO_ROW),
-    "all rows empty": (HEAD + b",,\n" * 5, NO_ROW),
     "all rows infinite": (HEAD + b"inf,-Inf,1e400\n" * 5, NO_ROW),
     "no row with all three": (HEAD + b"0,nan,1\n0.1,1,nan\nnan,1,1\n", NO_ROW),
     "one row": (HEAD + b"0,1,2\n", NO_STEP),

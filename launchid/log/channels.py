@@ -251,9 +251,11 @@ def _stands_alone(x: np.ndarray, size: np.ndarray, k: int, away: float, least: f
 
     size (n,)  what the rows beside each leave of it;  away  how far it leaves them;  least  what it must
     """
-    sides = size[max(0, k - ROWS_AROUND):max(0, k - 2)], size[k + 3:k + ROWS_AROUND + 1]
-    noise = max((float(np.quantile(side, USUAL_SHARE)) for side in sides if len(side) >= FEWEST_BESIDE), default=0.0)
     moves = np.abs(np.concatenate((np.diff(x[max(0, k - ROWS_NEXT_TO):k]), np.diff(x[k + 1:k + ROWS_NEXT_TO + 1]))))
     inside = 0 < k < len(x) - 1
-    motion = float(SPIKE_OVER_STEP * np.quantile(moves, USUAL_SHARE) if inside else JUMP_OVER_STEP * np.max(moves))
-    return bool(size[k] > SPIKE_OVER_RESIDUAL * noise and away > max(least, motion))
+    if not away > least or not away > (
+            SPIKE_OVER_STEP * np.quantile(moves, USUAL_SHARE) if inside else JUMP_OVER_STEP * np.max(moves)):
+        return False
+    sides = size[max(0, k - ROWS_AROUND):max(0, k - 2)], size[k + 3:k + ROWS_AROUND + 1]
+    noise = max((float(np.quantile(side, USUAL_SHARE)) for side in sides if len(side) >= FEWEST_BESIDE), default=0.0)
+    return bool(size[k] > SPIKE_OVER_RESIDUAL * noise)

@@ -149,9 +149,14 @@ def _filtered(x: np.ndarray, response: np.ndarray) -> np.ndarray:
     """x (n,) through an impulse response (m,), x held at its first value before."""
     m = len(response)
     padded = np.concatenate((np.full(m - 1, x[0]), x))
-    size = len(padded)
-    return np.asarray(np.fft.irfft(np.fft.rfft(padded, 2 * size) * np.fft.rfft(response, 2 * size), 2 * size)
+    size = quick_size(2 * len(padded))
+    return np.asarray(np.fft.irfft(np.fft.rfft(padded, size) * np.fft.rfft(response, size), size)
                       [m - 1:m - 1 + len(x)])
+
+
+def quick_size(rows: int) -> int:
+    """Return a length of at least so many rows that a Fourier transform is quick at: a power of two."""
+    return int(1 << (rows - 1).bit_length())
 
 
 def _actuated(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
@@ -256,8 +261,9 @@ def _unexplained(command: np.ndarray, nozzle: np.ndarray, period: float) -> tupl
     if n < 4 * lags or norm <= 0.0:
         return 1.0, 1.0
     # between rows too: of a narrow band the rows alone may hit the crest on one side only
-    product = np.conj(np.fft.rfft(u, 2 * n)) * np.fft.rfft(b, 2 * n)
-    correlation = np.fft.irfft(product, 2 * n * LAG_PARTS) * LAG_PARTS / norm
+    size = quick_size(2 * n)
+    product = np.conj(np.fft.rfft(u, size)) * np.fft.rfft(b, size)
+    correlation = np.fft.irfft(product, size * LAG_PARTS) * LAG_PARTS / norm
     reach = lags * LAG_PARTS
     left = 1.0 - np.maximum(correlation, 0.0) ** 2
     return float(np.min(left[-reach:])), float(np.min(left[:reach + 1]))

@@ -108,7 +108,7 @@ def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = Non
     nominal  whose profile the estimates are of (`filtered`), None: of none;  InputError where no window was fitted or
     the log is too short.  A rate that is not measured is the attitude's slope
     """
-    rows = usable(checked(log))
+    rows = usable(checked(log), is_steadied=False)
     if rows is None or rows.t[-1] - rows.t[0] < 2.0 * INCREMENT:
         raise InputError(f"{log.path}: residuals need theta and beta over more than {2.0 * INCREMENT:g} s, which the "
                          "log lacks")

@@ -142,7 +142,7 @@ class Stack:
     """Regressions with the same modes: `Modes` with one more dimension, the modes last; `first` of them for what is the
     same in all.
 
-    y, step (a, n);  phi, doubt (a, q, n);  ends (a, k, n);  sensor (a, q, q);  motion, ahead (a, q)
+    y, step (a, n);  phi, doubt (a, q, n);  ends (a, k, n);  sensor, unsure (a, q, q);  motion, ahead (a, q)
     """
 
     y: np.ndarray
@@ -151,6 +151,7 @@ class Stack:
     doubt: np.ndarray
     ends: np.ndarray
     sensor: np.ndarray
+    unsure: np.ndarray
     motion: np.ndarray
     ahead: np.ndarray
     first: Modes
@@ -158,17 +159,17 @@ class Stack:
     @staticmethod
     def of(regressions: Sequence[Modes]) -> "Stack":
         """Return regressions with the same modes as one."""
-        y, step, sensor, motion, ahead = (np.stack([getattr(m, name) for m in regressions])
-                                          for name in ("y", "step", "sensor", "motion", "ahead"))
+        y, step, sensor, unsure, motion, ahead = (np.stack([getattr(m, name) for m in regressions]) for name in (
+            "y", "step", "sensor", "unsure", "motion", "ahead"))
         phi, doubt, ends = (np.ascontiguousarray(np.stack([getattr(m, name).T for m in regressions]))
                             for name in ("phi", "doubt", "ends"))
-        return Stack(y, step, phi, doubt, ends, sensor, motion, ahead, regressions[0])
+        return Stack(y, step, phi, doubt, ends, sensor, unsure, motion, ahead, regressions[0])
 
     def part(self, at: list[int]) -> "Stack":
         """Return some of the regressions."""
         return self if len(at) == len(self.y) else Stack(
-            self.y[at], self.step[at], self.phi[at], self.doubt[at], self.ends[at], self.sensor[at], self.motion[at],
-            self.ahead[at], self.first)
+            self.y[at], self.step[at], self.phi[at], self.doubt[at], self.ends[at], self.sensor[at], self.unsure[at],
+            self.motion[at], self.ahead[at], self.first)
 
 
 def apart(m: Stack, root: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -195,7 +196,8 @@ def solved(m: Stack, s: np.ndarray, w: np.ndarray, prior: Prior,
     curl = m.first.curl
     gram, right = np.einsum("akn,aln->akl", w, w), np.einsum("akn,an->ak", w, m.y / np.sqrt(s))
     passed = m.step**2 * (1.0 - 0.25 * curl) * (1.0 + curl / 12.0) ** 2 / s   # of Gregory's rule
-    inner = gram - m.sensor * np.sum(passed, axis=1)[:, None, None]
+    total = np.sum(passed, axis=1)[:, None, None]
+    inner = gram - m.sensor * total
     right = right - m.ahead * disturbed[:, None]
     if not m.first.has_rate:
         right = right + m.motion * np.sum(curl * (1.0 - 0.25 * curl) / s, axis=1)[:, None]
@@ -212,8 +214,10 @@ def solved(m: Stack, s: np.ndarray, w: np.ndarray, prior: Prior,
     signal[is_told] = np.linalg.eigvalsh((half @ scaled @ np.swapaxes(half, 1, 2))[is_told])[:, 0]
     with np.errstate(invalid="ignore"):
         is_told &= (signal >= SIGNAL) & ~(np.max(np.einsum("akk->ak", inverse), axis=1) > 1.0 / MIN_COLUMN_LEFT)
-        spread = inverse @ whole @ inverse
-        return np.einsum("akl,al->ak", inverse, right / size) / size, spread / square_of, is_told
+        xi = np.einsum("akl,al->ak", inverse, right / size)
+        off = np.einsum("akl,alm,am->ak", inverse, m.unsure * total / square_of, xi)
+        spread = inverse @ whole @ inverse + off[:, :, None] * off[:, None, :]
+        return xi / size, spread / square_of, is_told
 
 
 def inverted(a: np.ndarray, is_root: bool = False) -> np.ndarray:

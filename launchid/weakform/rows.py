@@ -26,7 +26,7 @@ from launchid_core import parse_term
 
 from ..log.check import BRIDGED, CheckedLog
 from ..log.rates import HELD_WORD
-from ..sums import products
+from ..sums import DEPENDENT, combined, least_squares, products
 
 FINE = 0.005         # s from row to row: nothing that a vehicle does is faster
 JUDGED_ROWS = 50_000  # that are judged: of a long log means of more of them
@@ -38,6 +38,9 @@ MIN_ROWS_A_STRETCH = 4  # rows of a stretch
 BRIEF = 0.02         # s of a slope of beta: a nozzle does nothing faster
 FAST_TIME = 1.0      # s: what theta does in a shorter time is its fast part
 FAST_THETA = "fast theta"
+STEADY_TIME = 0.25   # s to either side at most, over which theta_dot's integral tells what theta does
+ROUGH_ORDERS = (3, 8)  # of the differences of beta that tell its noise, which both show alike, from motion
+ROUGH_LAGS = 4       # rows, this one among them, by which beta may follow what else is logged
 NUDGE = 1.0e-6      # rad, rad/s: of a difference quotient
 TERM_FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
 
@@ -45,13 +48,14 @@ code_of = lru_cache(maxsize=256)(parse_term)
 
 
 class Column(NamedTuple):
-    """A term in the modes of some rows: phi (n,), doubt (n,) what its quadrature may be off; its derivatives for theta
-    and theta_dot at the rows."""
+    """A term in the modes of some rows: phi (n,), doubt (n,) what its quadrature may be off; its derivatives for theta,
+    theta_dot and beta at the rows."""
 
     phi: np.ndarray
     doubt: np.ndarray
     by_theta: np.ndarray
     by_rate: np.ndarray
+    by_beta: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +66,8 @@ class Rows:
     has_rate   theta_dot was measured, not made of theta;  has_gamma  a flight path is known
     bounds     first rows of the stretches without a gap, and the number of rows
     is_held    beta acts from each of its values to the next
-    theta_noise, rate_noise  variances of the sensors' white noise, of theta and theta_dot, as their rows show it
+    theta_noise, rate_noise, beta_noise  variances of the sensors' white noise, as their rows show it
+    beta_doubt  what that of beta may be off: noise, or motion from row to row
     fast (n,)  what theta does within FAST_TIME, by the whole log;  (0,) not known yet
     """
 
@@ -76,6 +81,8 @@ class Rows:
     bounds: np.ndarray
     theta_noise: float = 0.0
     rate_noise: float = 0.0
+    beta_noise: float = 0.0
+    beta_doubt: float = 0.0
     is_held: bool = False
     fast: np.ndarray = field(default_factory=lambda: np.zeros(0))
     columns: dict[str, Column] = field(default_factory=dict, init=False)   # of the terms that were asked for so far
@@ -120,9 +127,10 @@ class Rows:
                        bounds=np.concatenate([[0], inside, [n]]))
 
 
-def usable(seen: CheckedLog) -> Rows | None:
+def usable(seen: CheckedLog, *, is_steadied: bool = True) -> Rows | None:
     """Return the rows of a log; None where they make no stretch.
 
+    is_steadied   theta as theta_dot tells what it does fast, with less noise than its sensor's; else as it is measured
     One or two missing cells in a row are bridged by lines; a rate that is not measured is the slope of theta.
     """
     log = seen.log
@@ -147,7 +155,58 @@ def usable(seen: CheckedLog) -> Rows | None:
     cuts = np.flatnonzero((step > LONGEST_ROW_STEP * np.median(step)) | (np.diff(row) > 1)) + 1
     rows = Rows(t, theta, path_angle(t, path), rate, beta, has_rate, bool(np.isfinite(path).any()),
                 np.concatenate([[0], cuts, [len(t)]]), is_held=seen.rates["beta"].kind == HELD_WORD)
-    return with_noise_levels(thinned(rows))
+    command = log.beta_cmd[times][there]
+    noise, doubt = nozzle_noise(rows, [theta, *([rate] if has_rate else []), *([command] if np.isfinite(command).all()
+                                                                             else [])])
+    means = thinned(replace(rows, theta=steadied(rows)) if has_rate and is_steadied else rows)
+    return with_noise_levels(replace(means, beta_noise=noise * rows.period / means.period,
+                                     beta_doubt=doubt * rows.period / means.period))
+
+
+def steadied(rows: Rows) -> np.ndarray:
+    """Return theta (n,) [rad] as the integral of a measured theta_dot about theta's mean, over as many rows as make
+    the noise of both least.
+
+    What the controller answers to theta's own noise is correlated with it: to a regression on theta it is a motion.
+    """
+    least_noise = math.sqrt(3.0 * noise_variance(rows.theta) / noise_variance(rows.theta_dot)) / rows.period
+    most = int(min(least_noise, STEADY_TIME / rows.period))
+    parts = []
+    for a, b in itertools.pairwise(rows.bounds.tolist()):
+        t, rate, at = rows.t[a:b], rows.theta_dot[a:b], np.arange(b - a)
+        turned = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (rate[1:] + rate[:-1]))])
+        whole = np.concatenate([[0.0], np.cumsum(rows.theta[a:b] - turned)])
+        reach = np.minimum(np.minimum(at, at[::-1]), most)
+        parts.append(turned + (whole[at + reach + 1] - whole[at - reach]) / (2 * reach + 1))
+    return np.concatenate(parts)
+
+
+def nozzle_noise(rows: Rows, others: list[np.ndarray]) -> tuple[float, float]:
+    """Return the variance of the white noise of beta's sensor, and what it may be off [rad^2].
+
+    others   columns (n,) that beta may answer: what it has from them within ROUGH_LAGS rows acts, and is no noise
+
+    Of white noise differences of any order show the same variance, of motion those of a higher one less. What may be
+    either, all of it where rows are slower than the nozzle, counts by half.
+    """
+    if rows.is_held:
+        return 0.0, 0.0
+    low, high = (roughness(rows.beta, others, order) for order in ROUGH_ORDERS)
+    high = min(low, high)
+    sure = max(2.0 * high - low, 0.0) if rows.period < 1.1 * BRIEF else 0.0
+    return 0.5 * (high + sure), 0.5 * (high - sure)
+
+
+def roughness(x: np.ndarray, others: list[np.ndarray], order: int) -> float:
+    """Return the variance that white noise has if differences of x (n,) are its, less what those of others explain."""
+    rest, *around = (np.diff(each, order) for each in (x, *others))
+    if len(rest) < 2 * ROUGH_LAGS * (len(around) + 1):
+        return 0.0
+    lags = np.column_stack([each[ROUGH_LAGS - 1 - k:len(each) - k] for each in around for k in range(ROUGH_LAGS)])
+    rest = rest[ROUGH_LAGS - 1:]
+    size = np.sqrt(np.maximum(np.einsum("nk,nk->k", lags, lags), 1e-300))
+    rest = rest - combined(lags, least_squares(lags / size, rest, DEPENDENT) / size)
+    return float(np.median(np.abs(rest)) / 0.6745) ** 2 / math.comb(2 * order, order)
 
 
 def with_noise_levels(rows: Rows) -> Rows:
@@ -250,8 +309,8 @@ class Modes:
     frequency (n,) [rad/s]
     ends (n, k)  what the noise of theta before the first row and behind the last of each stretch is in them, where
     theta_dot is made of theta: the rest of that noise is independent then
-    sensor (q, q)  mean products of what white noise of the sensors makes of the terms;  motion (q,)  of that of theta
-    alone, by which the slope of theta has it too
+    sensor (q, q)  mean products of what white noise of the sensors makes of the terms;  unsure (q, q)  what that may be
+    off;  motion (q,)  of that of theta alone, by which the slope of theta has it too
     ahead (q,) [s]  by which a term's integral over a row has what disturbs theta_dot in it: half of the row, of a rate
     """
 
@@ -265,6 +324,7 @@ class Modes:
     ends: np.ndarray
     noises: np.ndarray
     sensor: np.ndarray
+    unsure: np.ndarray
     motion: np.ndarray
     ahead: np.ndarray
 
@@ -390,32 +450,35 @@ def term_modes(rows: Rows, terms: tuple[str, ...]) -> Modes:
         values, q = table_of(rows, missing, rows.attack, rows.theta_dot), len(missing)
         both = in_modes(rows, values, ends_of(rows, missing, values, rows.beta))
         for k, term in enumerate(missing):
-            by_theta, by_rate = derivatives(rows, term, values[:, k])
-            rows.columns[term] = Column(both[:, k], both[:, q + k], by_theta, by_rate)
-    phi, doubt, by_theta, by_rate = (np.stack(each, axis=1) for each in zip(
+            rows.columns[term] = Column(both[:, k], both[:, q + k], *derivatives(rows, term, values[:, k]))
+    phi, doubt, by_theta, by_rate, by_beta = (np.stack(each, axis=1) for each in zip(
         *(rows.columns[term] for term in terms), strict=True))
+    nozzle = products(by_beta, by_beta) / len(rows.t)
     sensor = (rows.theta_noise * products(by_theta, by_theta) + rows.rate_noise * products(by_rate, by_rate)
-              ) / len(rows.t)
+              ) / len(rows.t) + rows.beta_noise * nozzle
     y, curl, step, frequency, ends, noises = rows.frame
     return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, ends, noises, sensor,
+                 rows.beta_doubt * nozzle,
                  rows.theta_noise * by_theta.mean(axis=0), 0.5 * rows.period * by_rate.mean(axis=0))
 
 
-def derivatives(rows: Rows, term: str, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the derivatives (n,) of a term, whose value (n,) is given, for theta and for a theta_dot that is measured:
-    difference quotients."""
+def derivatives(rows: Rows, term: str, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the derivatives (n,) of a term, whose value (n,) is given, for theta, a theta_dot that is measured, and
+    for beta: difference quotients."""
     none = np.zeros(len(value))
     if term == FAST_THETA:
-        return none + 1.0, none
+        return none + 1.0, none, none
     if term in ("gamma", "beta_ddot") or term.startswith("sign"):
-        return none, none
-    theta, rate, *_, function, argument = code_of(term)
-    by_theta, by_rate = none, none
+        return none, none, none
+    theta, rate, beta, *_, function, argument = code_of(term)
+    by_theta, by_rate, by_beta = none, none, none
     if theta or (function and argument == 0):
         by_theta = (values_of(rows, term, rows.attack + NUDGE, rows.theta_dot, rows.beta) - value) / NUDGE
     if rows.has_rate and (rate or (function and argument == 1)):
         by_rate = (values_of(rows, term, rows.attack, rows.theta_dot + NUDGE, rows.beta) - value) / NUDGE
-    return by_theta, by_rate
+    if beta or (function and argument == 2):
+        by_beta = (values_of(rows, term, rows.attack, rows.theta_dot, rows.beta + NUDGE) - value) / NUDGE
+    return by_theta, by_rate, by_beta
 
 
 def table_of(rows: Rows, terms: tuple[str, ...], attack: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -94,24 +94,14 @@ def test_every_row_is_kept_equally_often(source):
 # ---------------------------------------------------------------- degenerate cases
 
 
-def test_no_rows():
-    assert chosen([], 3, 1) == ([], 1)
-
-
-def test_nothing_wanted():
-    assert chosen([1, 1, 1], 0, 1)[0] == []
-
-
-def test_nothing_usable():
-    assert chosen([0, 0, 0], 2, 5) == ([], 5)
-
-
-def test_all_rows_wanted():
-    assert chosen([1, 0, 1, 1], 3, 1)[0] == [0, 2, 3]
-
-
-def test_more_rows_wanted_than_there_are():
-    assert chosen([1, 0, 1, 1], 99, 1)[0] == [0, 2, 3]
+@pytest.mark.parametrize(("usable", "p", "rows"), [
+    pytest.param([], 3, [], id="no rows"), pytest.param([1, 1, 1], 0, [], id="nothing wanted"),
+    pytest.param([0, 0, 0], 2, [], id="nothing usable"), pytest.param([1, 0, 1, 1], 3, [0, 2, 3], id="all wanted"),
+    pytest.param([1, 0, 1, 1], 99, [0, 2, 3], id="more wanted than there are")])
+def test_rows_of_a_degenerate_draw(usable, p, rows):
+    kept, state = chosen(usable, p, 5)
+    assert kept == rows
+    assert state == 5 or sum(usable) > 0, "nothing is drawn where nothing is usable"
 
 
 def test_seed_zero_gives_a_state():

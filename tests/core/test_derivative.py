@@ -101,18 +101,11 @@ def test_segment_of_one_row_has_no_slope():
     assert np.array_equal(slope, [np.nan, 4.0, 4.0, np.nan], equal_nan=True)
 
 
-def test_segment_of_two_rows_is_a_line():
-    assert np.array_equal(slopes([0.0, 0.25], [1.0, 2.0]), [4.0, 4.0])
-
-
-def test_segment_of_three_rows_is_a_parabola():
-    time = np.array([0.0, 0.25, 1.0])
-    assert np.array_equal(slopes(time, 3 * time**2 - time), 6 * time - 1)
-
-
-def test_segment_of_four_rows_is_a_cubic():
-    time = np.array([0.0, 0.25, 0.5, 1.0])
-    assert np.array_equal(slopes(time, 2 * time**3), 6 * time**2)
+@pytest.mark.parametrize("time", [[0.0, 0.25], [0.0, 0.25, 1.0], [0.0, 0.25, 0.5, 1.0]],
+                         ids=["line", "parabola", "cubic"])
+def test_a_short_segment_is_a_polynomial_of_as_many_numbers(time):
+    time, degree = np.array(time), len(time) - 1
+    assert np.array_equal(slopes(time, 2 * time**degree - time), 2 * degree * time**(degree - 1) - 1)
 
 
 def test_a_step_of_exactly_the_largest_gap_is_none():

@@ -24,7 +24,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 def fit(at, y, tolerance=RANK_TOLERANCE):
     """(x, rank) of min |A x - y|, the inputs left alone."""
-    at, y, n = np.array(at, dtype=float), np.array(y, dtype=float), at.shape[0]
+    at, y, n = np.array(at, dtype=float), np.array(y, dtype=float), len(at)
     order, tau, norms, z, x = np.zeros(n, np.int64), np.zeros(n), np.zeros(n), np.zeros(n), np.full(n, np.nan)
     scale_columns(at, norms)
     rank = qr_factor(at, order, tau, tolerance)
@@ -288,36 +288,20 @@ def test_of_columns_of_one_norm_the_first_is_taken_whatever_their_rounding(probl
 # ---------------------------------------------------------------- degenerate cases
 
 
-def rank_and_x(*columns):
-    at = np.array(columns, dtype=float)
-    x, rank = fit(at, np.arange(1.0, at.shape[1] + 1))
-    return rank, x
+SINGULAR = {  # name -> columns, rank
+    "a duplicate column": ([[1, 2, 3, 4], [1, -1, 1, -1], [1, 2, 3, 4]], 2),
+    "a multiple of another": ([[0.1, 0.2, 0.7], [0.1e9, 0.2e9, 0.7e9]], 1),
+    **{f"a zero column at {place}": (np.insert([[1, 2, 3, 4], [1, -1, 1, -1]], place, 0, axis=0), 2)
+       for place in range(3)},
+    "a zero matrix": (np.zeros((2, 3)), 0), "a matrix of NaN": (np.full((2, 3), np.nan), 0),
+    "fewer rows than columns": ([[1, 2], [2, 1], [1, 1]], 2)}
 
 
-def test_duplicate_column():
-    rank, x = rank_and_x([1, 2, 3, 4], [1, -1, 1, -1], [1, 2, 3, 4])
-    assert rank == 2
-    assert np.all(np.isnan(x))
-
-
-def test_column_that_is_a_multiple_of_another():
-    rank, x = rank_and_x([0.1, 0.2, 0.7], [0.1e9, 0.2e9, 0.7e9])
-    assert rank == 1
-    assert np.all(np.isnan(x))
-
-
-@pytest.mark.parametrize("place", range(3))
-def test_zero_column(place):
-    columns = [[1, 2, 3, 4], [1, -1, 1, -1]]
-    columns.insert(place, [0, 0, 0, 0])
-    rank, x = rank_and_x(*columns)
-    assert rank == 2
-    assert np.all(np.isnan(x))
-
-
-def test_zero_matrix():
-    rank, x = rank_and_x([0, 0, 0], [0, 0, 0])
-    assert rank == 0
+@pytest.mark.parametrize("name", SINGULAR)
+def test_a_singular_matrix_has_its_rank_and_no_solution(name):
+    columns, expected = SINGULAR[name]
+    x, rank = fit(columns, np.arange(1.0, np.shape(columns)[1] + 1))
+    assert rank == expected
     assert np.all(np.isnan(x))
 
 
@@ -327,19 +311,13 @@ def test_no_tolerance_still_finds_a_zero_column():
     assert np.all(np.isnan(x))
 
 
-def test_nan_matrix():
-    rank, x = rank_and_x([np.nan] * 3, [np.nan] * 3)
-    assert rank == 0
-    assert np.all(np.isnan(x))
-
-
 @every("bad", [np.nan, np.inf, -np.inf])
 @every("column", range(2))
 @every("row", range(4))
 def test_one_entry_that_is_not_finite(bad, column, row):
     columns = np.array([[1.0, 2.0, 3.0, 4.0], [1.0, -1.0, 1.0, -1.0]])
     columns[column, row] = bad
-    rank, x = rank_and_x(*columns)
+    x, rank = fit(columns, np.arange(1.0, 5.0))
     assert rank < 2
     assert np.all(np.isnan(x))
 
@@ -350,35 +328,16 @@ def test_nan_on_the_right_hand_side_reaches_x():
     assert np.all(np.isnan(x))
 
 
-def test_fewer_rows_than_columns():
-    rank, x = rank_and_x([1, 2], [2, 1], [1, 1])
-    assert rank == 2
-    assert np.all(np.isnan(x))
-
-
-def test_one_by_one():
-    rank, x = rank_and_x([-4.0])
-    assert rank == 1
-    assert x[0] == -0.25
-
-
-def test_square_system_has_no_residual():
-    x, rank = fit(np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([3.0, 4.0]))
-    assert rank == 2
-    assert np.allclose(x, [1.0, 1.0], rtol=4 * EPS, atol=0.0)
-
-
-def test_zero_right_hand_side():
-    x, rank = fit(np.array([[1.0, 2.0, 3.0], [1.0, 1.0, 1.0]]), np.zeros(3))
-    assert rank == 2
-    assert np.array_equal(x, [0.0, 0.0])
-
-
-def test_norms_whose_squares_overflow_or_vanish():
-    at = np.array([[3e200, 4e200, 0.0], [0.0, 0.0, 1e-200]])
-    x, rank = fit(at, np.array([3.0, 4.0, 2.0]))
-    assert rank == 2
-    assert np.allclose(x, [1e-200, 2e200], rtol=16 * EPS, atol=0.0)
+@pytest.mark.parametrize(("columns", "y", "expected", "ulps"), [
+    pytest.param([[-4.0]], [1.0], [-0.25], 0, id="one by one"),
+    pytest.param([[2.0, 1.0], [1.0, 3.0]], [3.0, 4.0], [1.0, 1.0], 4, id="square: no residual"),
+    pytest.param([[1.0, 2.0, 3.0], [1.0, 1.0, 1.0]], [0.0, 0.0, 0.0], [0.0, 0.0], 0, id="zero right-hand side"),
+    pytest.param([[3e200, 4e200, 0.0], [0.0, 0.0, 1e-200]], [3.0, 4.0, 2.0], [1e-200, 2e200], 16,
+                 id="norms whose squares overflow or vanish")])
+def test_a_regular_matrix_has_its_solution(columns, y, expected, ulps):
+    x, rank = fit(columns, y)
+    assert rank == len(columns)
+    assert np.allclose(x, expected, rtol=ulps * EPS, atol=0.0)
 
 
 def test_empty_range_of_a_dot_product():

@@ -6,6 +6,7 @@ import math
 import control
 import numpy as np
 import pytest
+import shortened
 from every import every
 from scipy.signal import bilinear, freqz, lfilter
 from unjitted import unjitted
@@ -32,11 +33,7 @@ STILL = {"sensors": {"theta_std": 0.0, "theta_dot_std": 0.0, "beta_std": 0.0}, "
 
 def short(duration: float = 4.0, **sections) -> Nominal:
     """The constant nominal for some seconds, its manoeuvre at once, with values replaced."""
-    nominal = load_nominal("constant")
-    sections = {"guidance": {"t": (0.0, 0.5, 2.0), "theta_ref": (0.0, 0.0, -0.08)}, "simulation": {}} | sections
-    sections["simulation"] = {**sections["simulation"], "duration": duration}
-    return dataclasses.replace(nominal, **{name: dataclasses.replace(getattr(nominal, name), **changes)
-                                           for name, changes in sections.items()})
+    return shortened.short(duration, **{"guidance": shortened.AT_ONCE} | sections)
 
 
 def held_command(actuator: dict, duration: float = 0.5, angle: float = 0.01) -> Nominal:

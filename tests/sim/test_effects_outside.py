@@ -9,28 +9,18 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
+from shortened import short
 
 from sim.disturbance_draws import drawn_wind
 from sim.effects import effect, from_text, pack
 from sim.flight import Flight, fly_whole, parameters
-from sim.nominal import Drift, Multisine, Nominal, Wind, load_nominal
+from sim.nominal import Drift, Multisine, Nominal, Wind
 
 COLUMNS = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot", "theta_ddot", "true_gamma", "wind")
 PROBE = Multisine(0.1, 9.0, (5.0, 13.0), (0.004, 0.003), (0.3, 1.0))
 SERVO, DAMPING, PERIOD = 50.0, 0.7, 0.01   # rad/s, 1, s: of the constant nominal
 LAG = {"natural_frequency": math.nan, "damping_ratio": math.nan, "time_constant": 0.04}
 MODEL_A6, MODEL_K1 = 2.0, -7.0
-
-
-def short(duration: float = 4.0, **sections) -> Nominal:
-    """The constant nominal for some seconds; a dict replaces values of a section, anything else the section."""
-    nominal = load_nominal("constant")
-    sections["simulation"] = {"duration": duration, **sections.get("simulation", {})}
-    for name, changes in sections.items():
-        whole = not isinstance(changes, dict)
-        section = changes if whole else dataclasses.replace(getattr(nominal, name), **changes)
-        nominal = dataclasses.replace(nominal, **{name: section})
-    return nominal
 
 
 def probed(duration: float = 3.0, **actuator) -> Nominal:

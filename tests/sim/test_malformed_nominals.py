@@ -29,45 +29,20 @@ PULSE = "start = 0.0\nduration = 1.0\n"
 MALFORMED: dict[str, tuple[str | bytes, str]] = {
     # ---- no TOML
     "empty": ("", "section [vehicle] is missing; every nominal needs it"),
-    "a log": ("t,theta,beta\n0,1,2\n", "Expected '=' after a key in a key/value pair (at line 1, column 2); "
-                                       "expected TOML"),
     "UTF-16": (GOOD.encode("utf-16"), "byte 0 is not UTF-8; expected a nominal TOML file"),
     "Latin-1": (GOOD.encode() + b"# \xb0\n",
                 f"byte {len(GOOD.encode()) + 2} is not UTF-8; expected a nominal TOML file"),
-    "an open bracket": ("[vehicle\na6 = 2\n", "Expected ']' at the end of a table declaration (at line 1, column 9); "
-                                              "expected TOML"),
     "an open quote": ('name = "x\n', "Illegal character '\\n' (at line 1, column 10); expected TOML"),
-    "no value": ("name =\n", "Invalid value (at line 1, column 7); expected TOML"),
     "a decimal comma": (given("vehicle", "a6 = 2,0\nk1 = -7.0"),
                         "Expected newline or end of document after a statement "
                         f"(at line {given('vehicle', '').count(chr(10))}, column 7); expected TOML"),
-    "a key twice": ("name = 'a'\nname = 'b'\n", "Cannot overwrite a value (at line 2, column 11); expected TOML"),
     # ---- keys
     "an unknown section": (GOOD + "[weather]\nrain = 1\n", f"unknown key 'weather'; expected one of {SECTIONS}"),
     "an unknown key": (GOOD.replace("damping_ratio", "damping"),
                        "unknown key 'actuator.damping'; did you mean damping_ratio?"),
-    "a key in another case": (given("vehicle", "A6 = 2.0\nk1 = -7.0"),
-                              "unknown key 'vehicle.A6'; did you mean a6?"),
-    "no sensors": (without("sensors"), "section [sensors] is missing; every nominal needs it"),
-    "no k1": (given("vehicle", "a6 = 2.0"), "key 'vehicle.k1' is missing"),
     "a number as a section": ("vehicle = 3\n" + without("vehicle"), "vehicle = 3: expected a section"),
-    "a section as a number": (given("vehicle", "a6 = {}\nk1 = -7.0"), "vehicle.a6 = {}: expected a number"),
     "a name that is none": (GOOD.replace('name = "constant"', "name = 3"), "name = 3: expected a text"),
     # ---- values
-    "a text as a number": (given("vehicle", "a6 = '2.0'\nk1 = -7.0"), "vehicle.a6 = '2.0': expected a number"),
-    "a truth value": (given("vehicle", "a6 = true\nk1 = -7.0"), "vehicle.a6 = True: expected a number"),
-    "nan": (given("vehicle", "a6 = nan\nk1 = -7.0"), "vehicle.a6 = nan: expected a number"),
-    "inf": (given("vehicle", "a6 = 2.0\nk1 = -inf"), "vehicle.k1 = -inf: expected a number"),
-    "an integer without end": (given("vehicle", f"a6 = 1{'0' * 400}\nk1 = -7.0"),
-                               "vehicle.a6 = an integer of many digits: expected a number"),
-    "a date": (given("vehicle", "a6 = 2020-01-01\nk1 = -7.0"),
-               "vehicle.a6 = datetime.date(2020, 1, 1): expected a number"),
-    "a negative noise": (given("sensors", "period = 0.01\ntheta_std = -1.0\ntheta_dot_std = 0.0\nbeta_std = 0.0"),
-                         "sensors.theta_std = -1.0: expected a number of at least 0"),
-    "no time between samples": (given("sensors", "period = 0.0\ntheta_std = 0.0\ntheta_dot_std = 0.0\nbeta_std = 0.0"),
-                                "sensors.period = 0.0: expected a number above 0"),
-    "half a step": (given("sensors", "period = 0.0105\ntheta_std = 0.0\ntheta_dot_std = 0.0\nbeta_std = 0.0"),
-                    "sensors.period = 0.0105: expected a whole number of simulation steps (0.001 s)"),
     "another law": (given("controller", RATE.replace("rate", "bang")),
                     'controller.law = \'bang\': expected "attitude" or "rate"'),
     "a key of the other law": (given("controller", RATE + "\nkd = 1.0"),
@@ -114,14 +89,10 @@ def test_what_cannot_be_read_is_this_line_and_status_3(tmp_path, capsys, case):
 
 PROFILES: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "line 1: expected the header t,a6,k1"),
-    "another header": (b"t,k1,a6\n0,1,2\n", "line 1: expected the header t,a6,k1"),
     "semicolons": (b"t;a6;k1\n0;1;2\n", "line 1: expected the header t,a6,k1"),
     "no rows": (b"t,a6,k1\n", "no rows; expected t,a6,k1 over the flight"),
-    "ragged": (b"t,a6,k1\n\n0,1\n", "line 3: 2 cells, expected 3 as in the header"),
     "a word": (b"t,a6,k1\n0,1,2\n1,x,2\n", "line 3, column a6: 'x' is no number; expected one such as -0.0123"),
-    "an empty cell": (b"t,a6,k1\n0,,2\n", "line 2, column a6: '' is no number; expected one such as -0.0123"),
     "nan": (b"t,a6,k1\n0,1,nan\n", "line 2, column k1: 'nan' is no number; expected one such as -0.0123"),
-    "an underscore": (b"t,a6,k1\n0,1_0,2\n", "line 2, column a6: '1_0' is no number; expected one such as -0.0123"),
     "a time twice": (b"t,a6,k1\n0,1,2\n0,1,2\n", "line 3, column t: 0.0 is not after 0.0; expected increasing times"),
     "Latin-1": (b"t,a6,k1\n0,1,2\xb0\n", "line 2: the byte 0xb0 is not UTF-8; expected a UTF-8 CSV file"),
     "gzip": (b"\x1f\x8b\x08\x00\x00", "this is a gzip archive; unpack it first; expected a UTF-8 CSV file")}

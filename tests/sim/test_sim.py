@@ -1,7 +1,6 @@
 """The simulator: its integration, loop and sensors against plain Python, and nominal files that cannot be used."""
 
 import copy
-import dataclasses
 import itertools
 import math
 import tomllib
@@ -12,12 +11,13 @@ import pytest
 from every import every
 from hypothesis import given
 from hypothesis import strategies as hs
+from shortened import short
 from unjitted import unjitted, unjitted_module
 
 from sim.effects import Changes, from_text
 from sim.errors import InputError, UsageError
 from sim.flight import SUITES, Flight, dispersion, fly, fly_whole, noise
-from sim.nominal import BUILT_IN, Nominal, Profile, built_in, load_nominal
+from sim.nominal import BUILT_IN, Profile, built_in, load_nominal
 from sim.sections import Section
 from sim.vehicle.actuator import delayed_command
 from sim.vehicle.controller import limited, pseudo_derivative
@@ -26,14 +26,6 @@ from sim.vehicle.step import measure, runge_kutta_4
 
 CONSTANT = tomllib.loads(built_in("constant").read_text(encoding="utf-8"))
 SECTIONS = ("actuator", "controller", "guidance", "sensors", "simulation", "uncertainty", "vehicle")
-
-
-def short(duration: float = 4.0, **sections: dict[str, float]) -> Nominal:
-    """The constant nominal for some seconds, with values replaced: short(sensors={"theta_std": 0.0})."""
-    nominal = load_nominal("constant")
-    simulation = dataclasses.replace(nominal.simulation, duration=duration, **sections.pop("simulation", {}))
-    replaced = {name: dataclasses.replace(getattr(nominal, name), **values) for name, values in sections.items()}
-    return dataclasses.replace(nominal, simulation=simulation, **replaced)
 
 
 def columns(flight: Flight) -> dict[str, np.ndarray]:

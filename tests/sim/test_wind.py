@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from every import every
 from scipy.linalg import expm
+from shortened import short
 
 from launchid.cli.main import main
 from launchid.log.log import read_log, write_flight
@@ -32,18 +33,6 @@ DRIFT = Drift(np.zeros(1), np.array([-0.03]), np.array([-0.02]))
 WINDY = Wind(walk=0.01, turbulence=0.01, turbulence_time=0.7)
 UNSURE = Offsets(0.01, 0.005, 0.004, 0.003, 0.02)
 STILL = {"theta_std": 0.0, "theta_dot_std": 0.0, "beta_std": 0.0}
-
-
-def short(duration: float = 4.0, **sections) -> Nominal:
-    """The constant nominal for some seconds; a dict replaces values of a section, anything else the section."""
-    nominal = load_nominal("constant")
-    for name, changes in {"simulation": {}, **sections}.items():
-        if isinstance(changes, dict):
-            section = dataclasses.replace(getattr(nominal, name), **changes)
-        else:
-            section = changes
-        nominal = dataclasses.replace(nominal, **{name: section})
-    return dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=duration))
 
 
 def silent(duration: float, **sections) -> Nominal:
@@ -118,8 +107,7 @@ def test_forecast_is_linear_between_nodes_and_held_beyond():
 @pytest.mark.parametrize("suite", SUITES)
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_levels_of_zero_change_no_bit(name, suite):
-    nominal = load_nominal(name)
-    nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=5.0))
+    nominal = short(5.0, name)
     none = dataclasses.replace(nominal, wind=Wind(), offsets=Offsets())
     still = dataclasses.replace(none, drift=Drift(np.zeros(1), np.zeros(1), np.zeros(1)))
     plain = fly_whole(nominal, 3, suite)

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import shortened
 
 from launchid.bound.flights import flight_bound, flight_information, known_state_information
 from launchid.bound.information import DIFFUSE, window_information
@@ -173,9 +174,7 @@ def summit(values: np.ndarray, grid: np.ndarray) -> np.ndarray:
 
 
 def short(duration: float = 20.0, name: str = "constant", **sections) -> Nominal:
-    nominal = load_nominal(name)
-    simulation = dataclasses.replace(nominal.simulation, duration=duration)
-    return dataclasses.replace(nominal, simulation=simulation, **sections)
+    return shortened.short(duration, name, **sections)
 
 
 @pytest.mark.parametrize("known", [False, True])

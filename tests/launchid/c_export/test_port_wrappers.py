@@ -17,14 +17,19 @@ from sim.nominal import load_nominal
 STUBS = SHARED / "stubs"
 CXX = shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
 NAME = "measured-stls"
-FLIGHTS = flown(load_nominal("constant"), CONFIGS[NAME])
 PLAIN = tuple(flag for flag in STRICT if flag not in ("-std=c99", "-pedantic"))
+
+
+@cache
+def flights():
+    """The flights of the vectors."""
+    return flown(load_nominal("constant"), CONFIGS[NAME])
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     made = tmp_path_factory.mktemp("wrappers")
-    for name, text in exported(CONFIGS[NAME], FLIGHTS).items():
+    for name, text in exported(CONFIGS[NAME], flights()).items():
         (made / name).write_text(text, encoding="utf-8")
     return made
 
@@ -38,7 +43,7 @@ def build(folder: Path, *words: str) -> list[str]:
 @cache
 def expected() -> list[str]:
     """t_end and a6 of the first flight's windows."""
-    estimates = Estimator(CONFIGS[NAME]).replay(FLIGHTS[0])
+    estimates = Estimator(CONFIGS[NAME]).replay(flights()[0])
     return [f"{e.t_end.hex()} {e.a6.hex()}" for e in estimates]
 
 

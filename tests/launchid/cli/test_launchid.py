@@ -15,7 +15,7 @@ import pytest
 import launchid
 import launchid_core
 from launchid.cli.main import main
-from launchid.log.log import read_log
+from launchid.log.log import read_log, write_columns
 from sim.effects import effect
 from sim.nominal import load_nominal, write_nominal
 from sim.shown import with_std
@@ -66,8 +66,7 @@ def test_uncertainty_is_the_command(folder, capsys):
 def test_diagnose_is_the_command(folder, tmp_path, capsys):
     columns = read_log(folder / "log.csv").measured()
     columns["beta"] = -columns["beta"]
-    (tmp_path / "log.csv").write_text("\n".join([",".join(columns), *(",".join(map(repr, row)) for row in zip(
-        *(x.tolist() for x in columns.values()), strict=True))]))
+    write_columns(tmp_path / "log.csv", columns)
     made = launchid.diagnose(columns, folder / "n.toml")
     assert made.verdict == "bad-data" and made.extension is None
     assert made.to_json() + "\n" == said(capsys, "diagnose", tmp_path / "log.csv", folder / "n.toml", "--json", "-")

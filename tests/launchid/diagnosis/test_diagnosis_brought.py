@@ -2,10 +2,11 @@
 digits, a sign convention of their own, wind declared for a day that was calm."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
-from test_diagnosis_lost import NOMINAL, flown, judged
+from test_diagnosis import WHOLE, log_of
 
 from launchid.diagnosis.answer import report
 from launchid.diagnosis.controller.command import _is_held
@@ -13,6 +14,20 @@ from launchid.diagnosis.data.record import on_grid
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.check import examined
 from launchid.log.detect import check
+from sim.effects import from_text
+from sim.flight import fly_whole
+
+NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=30.0))
+
+
+@functools.cache
+def flown(effect):
+    """The log of a flight; shared, so nobody changes it."""
+    return log_of(fly_whole(NOMINAL, 1, effects=[from_text(effect)] if effect else []))
+
+
+def judged(log):
+    return report(diagnose(log, NOMINAL))
 
 
 def forward(x, every):
@@ -76,14 +91,3 @@ def test_a_vehicle_of_the_other_sign_is_told_so():
                            dataclasses.replace(NOMINAL, controller=None)))
     assert made["verdict"] == "unexplained"
     assert made["doubts"][0].startswith("beta, or theta and its rate, has the opposite sign over the whole log: k1")
-
-
-@pytest.mark.campaign
-def test_a_line_that_the_gyro_alone_sees_is_no_moment():
-    """An engine's vibration of 9 Hz in the gyro: the attitude does not follow.  As a moment it is named."""
-    log = flown("")
-    shaken = dataclasses.replace(log, theta_dot=log.theta_dot + 0.01 * np.sin(56.5 * log.t))
-    result = report(diagnose(shaken, NOMINAL))
-    assert result["verdict"] == "unexplained"
-    moment = report(diagnose(flown("periodic_disturbance:amplitude=0.5,frequency=56.5"), NOMINAL))
-    assert [each["cause"] for each in moment["causes"]] == ["periodic_disturbance"]

@@ -57,25 +57,6 @@ def test_another_filter_is_another_one_wherever_its_log_begins():
     assert found.kind == OTHER_FILTER and found.time_constant == pytest.approx(0.08, rel=1e-4)
 
 
-@pytest.mark.campaign
-@pytest.mark.parametrize("period", [0.01, 0.02])
-def test_a_part_of_a_clean_flight_is_consistent(period):
-    for length in (45 * period, 15.0):
-        made = diagnose(cut(flown(period=period), TURNING, TURNING + length), NOMINAL)
-        assert (made.verdict, made.doubts) == ("consistent", ())
-
-
-# ---- what the vehicle remembers
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("begin", [12.0, 0.0])
-def test_a_mode_is_named_wherever_its_log_begins(begin):
-    made = diagnose(cut(flown("bending:gain=-0.002,frequency=26,damping_ratio=0.03"), begin), NOMINAL)
-    assert [cause.cause for cause in made.named] == ["bending"]
-    assert made.named[0].values["gain"] == pytest.approx(-0.002, abs=4.0 * made.named[0].std["gain"])
-
-
 # ---- short ones
 
 

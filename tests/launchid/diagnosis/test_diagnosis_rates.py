@@ -7,10 +7,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from launchid.diagnosis.answer import extension
 from launchid.diagnosis.controller.check import NO_MISMATCH, UNKNOWN_LAW, check_controller
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import Log
 from sim.effects import effect
@@ -91,14 +89,3 @@ def test_where_it_cannot_be_told_nothing_is_said():
         assert checked(replace(log, **{column: absent}), missile()) is None
     every = {name: getattr(log, name)[::3] for name in (*NAMES, "theta_ddot", "gamma", "alpha")}
     assert checked(replace(log, **every), missile()) is None   # commands between the rows
-
-
-@pytest.mark.campaign
-def test_the_verdict_names_the_controller_and_gives_its_extension():
-    """The verdict was `consistent`: a rate's law was not checked."""
-    made = diagnose(log_of(1.3), missile())
-    assert (made.verdict, made.where) == ("explained", "controller")
-    assert made.named[0].values["kp_scale"] == pytest.approx(1.3, abs=1e-3)
-    again = diagnose(log_of(1.3), extension(made))
-    assert diagnose(log_of(), missile()).verdict == "consistent"
-    assert again.verdict == "consistent"

@@ -16,11 +16,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import launchid
 from launchid import charts
+from launchid.commands.diagnose import Diagnosed
 from launchid.diagnosis.answer import extension
 from launchid.diagnosis.answer import report as json_of
 from launchid.diagnosis.report import page as report_module
-from launchid.diagnosis.report.page import PICTURES, write_report
+from launchid.diagnosis.report.page import write_report
 from launchid.diagnosis.verdict import Result, diagnose
 from launchid.log.log import OPTIONAL, REQUIRED, Log
 from sim.effects import effect
@@ -36,11 +38,12 @@ LOADED = "the page is loaded"
 VOID = {"meta", "link", "img", "br", "hr"}
 EXPECTED = {
     "consistent": {"misfit.png", "innovations.png"},
-    "explained": {"misfit.png", "innovations.png", "worth.png"},
-    "dominant": {"misfit.png", "innovations.png", "worth.png"},
+    "explained": {"misfit.png", "innovations.png", "worth.png", "comparison.png", "responses.png"},
     "unexplained": {"misfit.png", "innovations.png", "worth.png"},
     "bad-data": {"faults.png"}}
 REMAINING = "a disturbance of unknown shape at the plant explains 19 nats more"
+
+
 def measured(effects=(), in_degrees=False, name="<flight & test>.csv"):
     """A short flight as a log; in_degrees: its theta_dot."""
     nominal = load_nominal(built_in("constant"))
@@ -54,24 +57,30 @@ def measured(effects=(), in_degrees=False, name="<flight & test>.csv"):
 
 
 @pytest.fixture(scope="module")
-def diagnoses() -> dict[str, Result]:
+def explained() -> Diagnosed:
+    """A loss of control that is named."""
+    return launchid.diagnose(*measured([effect("control_loss", fraction=0.4, time=10.0)]))
+
+
+@pytest.fixture(scope="module")
+def diagnoses(explained) -> dict[str, Result]:
     """One of each verdict; dominant and unexplained are the explained one, said so."""
-    loss = effect("control_loss", fraction=0.4, time=10.0)
-    made = [diagnose(*measured()), diagnose(*measured([loss])), diagnose(*measured(in_degrees=True))]
-    found = {each.verdict: each for each in made}
-    one = found["explained"]
+    one = explained.diagnosis
+    found = {each.verdict: each for each in (one, diagnose(*measured()), diagnose(*measured(in_degrees=True)))}
     found["dominant"] = replace(one, verdict="dominant", remaining=(REMAINING,), share=0.2, remaining_where="plant")
     found["unexplained"] = replace(one, verdict="unexplained", named=(), nearest=one.named, doubts=(REMAINING,))
     return found
 
 
 @pytest.fixture(scope="module")
-def folders(diagnoses, tmp_path_factory) -> dict[str, Path]:
-    """The reports, written."""
+def folders(explained, diagnoses, tmp_path_factory) -> dict[str, Path]:
+    """The reports, written; the explained one as a user writes it, with the log beside nominal and extension."""
     top = tmp_path_factory.mktemp("reports")
-    for verdict, made in diagnoses.items():
-        write_report(made, json_of(made), str(top / verdict / "new"))
-    return {verdict: top / verdict / "new" for verdict in diagnoses}
+    found = {verdict: top / verdict / "new" for verdict in EXPECTED}
+    explained.write_report(found["explained"])
+    for verdict in EXPECTED.keys() - {"explained"}:
+        write_report(diagnoses[verdict], json_of(diagnoses[verdict]), str(found[verdict]))
+    return found
 
 
 class Page(HTMLParser):
@@ -128,7 +137,7 @@ def test_a_report_is_one_balanced_page_that_needs_nothing_else(folders, verdict)
 def test_every_figure_is_a_png_in_the_folder_and_in_the_page(folders, verdict):
     image = pytest.importorskip("matplotlib.image", reason="matplotlib is not installed: no figures")
     written = {path.name for path in folders[verdict].glob("*.png")}
-    assert written == EXPECTED[verdict] and written <= set(PICTURES)
+    assert written == EXPECTED[verdict]
     files = {(folders[verdict] / name).read_bytes() for name in written}
     head = "data:image/png;base64,"
     embedded = [base64.b64decode(link[len(head):], validate=True) for link in read(folders[verdict]).links
@@ -140,10 +149,12 @@ def test_every_figure_is_a_png_in_the_folder_and_in_the_page(folders, verdict):
 
 
 def test_the_first_screen_says_verdict_cause_size_and_doubt(folders, diagnoses):
-    words = {verdict: " ".join(read(folder).words.split()) for verdict, folder in folders.items()}
-    assert set(words) == set(EXPECTED)
+    pages = {verdict: read(folder) for verdict, folder in folders.items()}
+    pages["dominant"] = Page(report_module.page(diagnoses["dominant"], json_of(diagnoses["dominant"]), []))
+    words = {verdict: " ".join(page.words.split()) for verdict, page in pages.items()}
     assert all("<flight & test>.csv" in said for said in words.values())
     assert "EXPLAINED (plant): control_loss" in words["explained"] and "fraction 0." in words["explained"]
+    assert "Measured beside simulated" in words["explained"] and "extension" in words["explained"]
     assert "UNEXPLAINED" in words["unexplained"] and REMAINING in words["unexplained"]
     assert "20 % remain" in words["dominant"] and REMAINING in words["dominant"]
     assert "CONSISTENT" in words["consistent"] and "would have shown" in words["consistent"]
@@ -164,7 +175,7 @@ def test_the_json_is_the_commands_and_nothing_half_written_is_left(folders, diag
     assert json.loads((folders[verdict] / "verdict.json").read_text()) == json.loads(json.dumps(
         json_of(diagnoses[verdict])))
     assert [path.name for path in folders[verdict].iterdir() if path.name.startswith(".")] == []
-    assert (folders[verdict] / "extension.toml").exists() == (verdict in ("explained", "dominant"))
+    assert (folders[verdict] / "extension.toml").exists() == (verdict == "explained")
 
 
 def test_the_extension_reads_back(folders, diagnoses):
@@ -206,7 +217,7 @@ def test_without_matplotlib_there_is_a_report_that_says_so(diagnoses, tmp_path, 
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.delattr(sys.modules["launchid.diagnosis.report"], "figures", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    write_report(diagnoses["explained"], json_of(diagnoses["explained"]), str(tmp_path))
+    write_report(diagnoses["dominant"], json_of(diagnoses["dominant"]), str(tmp_path))
     assert report_module.NO_FIGURES in " ".join(read(tmp_path).words.split())
     assert {path.name for path in tmp_path.iterdir()} == {"report.html", "verdict.json", "extension.toml"}
 

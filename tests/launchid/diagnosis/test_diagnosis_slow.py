@@ -6,12 +6,11 @@ import functools
 
 import numpy as np
 import pytest
-from test_diagnosis import LONG, WHOLE, log_of
+from test_diagnosis import WHOLE, log_of
 
 from launchid.diagnosis.adapter import follow
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.issued import with_commands
-from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL
 from sim.effects import from_text
@@ -33,27 +32,6 @@ def without(drop, effect="", period=SLOW):
 def recorded(drop, period=SLOW):
     log = without(drop, period=period)
     return record(log, NOMINAL, check(log, NOMINAL))
-
-
-@pytest.mark.parametrize(("period", "drop"), [(SLOWER, "beta_cmd"), *(
-    pytest.param(period, drop, marks=LONG) for period in (SLOW, SLOWER) for drop in (
-        "theta_ref", "theta_ref,beta", "beta_cmd,beta", "beta_cmd,theta_dot"))])
-def test_a_clean_flight_is_consistent_without_reference_or_commands(drop, period):
-    made = diagnose(without(drop, period=period), NOMINAL)
-    assert (made.verdict, made.doubts) == ("consistent", ())
-
-
-@pytest.mark.parametrize(("drop", "effect"), [
-    pytest.param("theta_ref", "control_effectiveness:scale=1.3", marks=LONG),
-    pytest.param("beta_cmd", "control_effectiveness:scale=1.3", marks=LONG),
-    pytest.param("beta_cmd,beta", "control_effectiveness:scale=0.7", marks=LONG),
-    pytest.param("theta_ref", "thrust_misalignment:angle=0.01", marks=LONG)])
-def test_a_cause_larger_than_what_they_feign_is_named(drop, effect):
-    made = diagnose(without(drop, effect), NOMINAL)
-    name, value = effect.split(":")[0], float(effect.split("=")[1])
-    assert [cause.cause for cause in made.named] == [name]
-    size = next(iter(made.named[0].values))
-    assert made.named[0].values[size] == pytest.approx(value, rel=0.1)
 
 
 def flown(period):

@@ -7,7 +7,7 @@ import functools
 
 import numpy as np
 import pytest
-from test_diagnosis import LONG, WHOLE, log_of
+from test_diagnosis import WHOLE, log_of
 
 from launchid.diagnosis.adapter import follow
 from launchid.diagnosis.controller.command import record
@@ -17,12 +17,10 @@ from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
 from sim.effects import from_text
 from sim.flight import fly_whole
-from sim.sections import Guidance
 
 NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
 TICK = NOMINAL.controller.period
 FINE = 0.001             # s of the flights that logs are read from
-CLOCKS = [(0.025, 0.0), (0.033, 0.0), (0.012, 0.0), (0.007, 0.0), (0.02, 0.003), (0.01, 0.002)]  # s: period, jitter
 
 
 @functools.cache
@@ -64,25 +62,11 @@ def recorded(clock, drop="", effect="", begin=0.0):
     return record(log, NOMINAL, check(log, NOMINAL))
 
 
-@LONG
-@pytest.mark.parametrize("drop", ["", "theta_ref", "beta_cmd", "beta_cmd,beta"])
-@pytest.mark.parametrize("clock", CLOCKS)
-def test_a_clean_flight_is_consistent_by_whatever_clock_it_is_logged(clock, drop):
-    made = diagnose(logged(clock, drop), NOMINAL)
-    assert (made.verdict, made.doubts) == ("consistent", ())
-
-
-@pytest.mark.parametrize(("effect", "clock"), [("control_effectiveness:scale=1.3", (0.02, 0.003)), *(
-    pytest.param(effect, clock, marks=LONG) for effect in (
-        "actuator_delay:delay=0.03", "gyro_bias:rate=0.005", "actuator_gain:scale=0.85")
-    for clock in ((0.025, 0.0), (0.02, 0.003)))])
-def test_a_cause_is_named_by_whatever_clock_it_is_logged(clock, effect):
-    made = diagnose(logged(clock, effect=effect), NOMINAL)
-    name, value = effect.split(":")[0], float(effect.split("=")[1])
-    assert [cause.cause for cause in made.named] == [name]
-    cause = made.named[0]
-    size = next(iter(cause.values))
-    assert abs(cause.values[size] - value) < max(4.0 * cause.std[size], 0.05 * value)
+def test_a_cause_is_named_by_a_clock_that_jitters():
+    made = diagnose(logged((0.02, 0.003), effect="control_effectiveness:scale=1.3"), NOMINAL)
+    cause, = made.named
+    assert cause.cause == "control_effectiveness"
+    assert abs(cause.values["scale"] - 1.3) < max(4.0 * cause.std["scale"], 0.065)
 
 
 @pytest.mark.parametrize("clock", [(0.025, 0.0), (0.02, 0.003)])
@@ -132,26 +116,3 @@ def test_the_predicted_attitude_is_the_measured_one_on_average_whatever_the_gyro
     seen = follow(r)
     off = r.z[:, 0] - np.interp(r.at, r.tick * np.arange(len(seen.attitude)), seen.attitude)
     assert abs(np.nanmean(off)) < 0.2 * NOMINAL.sensors.theta_std
-
-
-@LONG
-def test_the_age_of_a_held_sample_is_no_delay_of_the_vehicle():
-    """The logger reads the sample that the controller used, up to one of its periods old: it cannot be told from a
-    delay of less."""
-    whole = flight()
-    held = (np.arange(len(whole.t)) // round(TICK / FINE)) * round(TICK / FINE)
-    log = log_of(whole)
-    rows = read_at(log, 0.025, 0.0, 0.004)
-    read = {name: getattr(log, name)[rows if name == "t" else held[rows]] for name in (*REQUIRED, *OPTIONAL)}
-    made = diagnose(dataclasses.replace(log, **read), NOMINAL)
-    assert made.verdict in ("consistent", "unexplained")
-
-
-@LONG
-@pytest.mark.parametrize("drop", ["theta_ref,beta_cmd", "theta_ref,beta_cmd,theta_dot", "theta_ref"])
-def test_a_trimmed_vehicle_whose_nozzle_is_logged_now_and_then_shows_nothing(drop):
-    """Damping of 1000 1/s, friction, a nozzle of half its gain: what noise and lines between rows feign."""
-    still = dataclasses.replace(NOMINAL, guidance=Guidance((0.0, 1.0), (0.0, 0.0)))
-    log = log_of(fly_whole(still, 4, period=FINE), tuple(drop.split(",")))
-    made = diagnose(log_at(log, read_at(log, 0.025, 0.0)), still)
-    assert (made.verdict, made.doubts) == ("consistent", ())

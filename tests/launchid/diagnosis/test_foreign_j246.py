@@ -4,7 +4,6 @@ Needs the `jsbsim` package (extra `judges`).
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ pytest.importorskip("jsbsim", reason="JSBSim (extra `judges`) is not installed")
 
 from foreign import j246, j246_cases
 
-from launchid.diagnosis.verdict import diagnose
 from launchid.log.log import read_log
 from sim.nominal import load_nominal
 
@@ -99,30 +97,6 @@ def test_what_is_written_is_read(tmp_path, calm):
     nominal = load_nominal(tmp_path / "a.toml")
     assert nominal.drift is not None and nominal.actuator.time_constant == 1.0 / 60.0
     assert np.array_equal(nominal.guidance.attitude_at(log.t), log.theta_ref)
-
-
-SERVO_POLE = 5000.0   # rad/s: so natural_frequency is 551 rad/s and damping_ratio 4.59
-
-
-def in_both_forms(folder, name, duration):
-    """(The log, the nominals whose servo is written as one of first order, and of second) of a case."""
-    of, flight = j246_cases.flown(name, SEED, duration)
-    j246_cases.write_log(folder / "a.csv", flight)
-    nominals = []
-    for form, pole in (("first", None), ("second", SERVO_POLE)):
-        j246_cases.write_nominal(folder / f"{form}.toml", of, SEED, pole=pole)
-        made = load_nominal(folder / f"{form}.toml")
-        nominals.append(replace(made, diagnosis=replace(made.diagnosis, time_limit=3600.0)))
-    return read_log(folder / "a.csv"), nominals
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("name", [*j246_cases.SIX, "calm"])
-def test_a_servo_in_either_form_has_the_same_verdict(tmp_path, name):
-    log, nominals = in_both_forms(tmp_path, name, j246_cases.DURATION)
-    first, second = (diagnose(log, nominal) for nominal in nominals)
-    assert [each.cause for each in first.named] == [each.cause for each in second.named]
-    assert first.verdict == second.verdict == ("consistent" if name == "calm" else first.verdict) != "unexplained"
 
 
 def test_cases_and_their_sizes_are_by_seed():

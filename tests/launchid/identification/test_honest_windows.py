@@ -15,7 +15,7 @@ from launchid.cli.main import main
 from launchid.commands.identify import identify
 from launchid.identification.windows import run
 from launchid.log.check import checked
-from launchid.log.log import Log, flown_log, log_of, read_log, write_flight
+from launchid.log.log import Log, flown_log, log_of, read_log, write_columns, write_flight
 from launchid.weakform.rows import usable
 from launchid.weakform.windows import judged_windows
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
@@ -342,12 +342,8 @@ def test_the_command_says_it(clean, tmp_path, capsys):
     said = json.loads(capsys.readouterr().out)
     assert abs(said["delay"]["value"]) < 5.0 * said["delay"]["std"]
     assert all(set(w["fit"]) == {"r2_held_out", "whiteness"} and w["absent"] == {} for w in said["windows"])
-    log = shifted(clean, 0.4)
-    columns = ("t", "theta", "theta_dot", "beta")
-    table = np.column_stack([getattr(log, column) for column in columns]).tolist()
-    text = "\n".join(",".join(map(repr, row)) for row in table)
-    path = tmp_path / "shifted.csv"
-    path.write_text(",".join(columns) + "\n" + text + "\n")
+    log, path = shifted(clean, 0.4), tmp_path / "shifted.csv"
+    write_columns(path, {column: getattr(log, column) for column in ("t", "theta", "theta_dot", "beta")})
     assert main(["identify", str(path)]) == 0
     assert "no window of this log is valid" in capsys.readouterr().out
     assert main(["identify", str(path), "--json", "-"]) == 0

@@ -1,7 +1,6 @@
 """A campaign's folder that is not what its definition says is exit status 3 in one line, and what it has stays; one run
 at a time writes into it, and a run that is killed leaves no lock."""
 
-import dataclasses
 import json
 import os
 import shutil
@@ -12,12 +11,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from test_requirement_folder import files, nominal_of
 
 from launchid.cli.main import main
 from launchid.commands.campaign import campaign
 from launchid.monte_carlo.folder_lock import LOCK, locked
 from launchid.monte_carlo.requirement.folder import CAMPAIGN, FLIGHTS_FILE, JOURNAL
-from sim.nominal import Nominal, Offsets, load_nominal, write_nominal
+from sim.nominal import Nominal, Offsets, load_nominal
 
 ROOT = Path(__file__).resolve().parents[3]
 N = 30
@@ -25,13 +25,8 @@ ASKED = "lost<0.2@0.9"   # decided by the 18th flight without a failure
 Damage = Callable[[bytes], bytes]
 
 
-def nominal_of(folder: Path, duration: float = 0.1) -> Nominal:
-    """`constant`, short, at half of its rate, as a file in this folder."""
-    nominal = load_nominal("constant")
-    assert nominal.simulation is not None
-    simulation = dataclasses.replace(nominal.simulation, duration=duration, step=0.002)
-    write_nominal(dataclasses.replace(nominal, simulation=simulation, offsets=Offsets(moment=1e-3)), folder / "n.toml")
-    return load_nominal(folder / "n.toml")
+def small(folder: Path, duration: float = 0.1) -> Nominal:
+    return nominal_of(folder, duration, offsets=Offsets(moment=1e-3))
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +34,7 @@ def flown(tmp_path_factory) -> Path:
     """A folder with the nominal and four campaigns: one that is whole, one that stopped, one that was interrupted, and
     the part after the first."""
     folder = tmp_path_factory.mktemp("flown")
-    nominal = nominal_of(folder)
+    nominal = small(folder)
     assert campaign(nominal, out=folder / "whole", flights=N, workers=1).report["lost"] == 0
     stopped = campaign(nominal, out=folder / "stopped", flights=N, requirement=ASKED, workers=1)
     assert stopped.verdict == "met" and 8 < stopped.report["flown"] < N
@@ -60,10 +55,6 @@ def place(flown, tmp_path) -> Path:
     """A copy of it, to be damaged."""
     shutil.copytree(flown, tmp_path, dirs_exist_ok=True)
     return tmp_path
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()}
 
 
 def refused(capsys, place: Path, *words: str) -> str:
@@ -109,33 +100,18 @@ def cell(row: int, column: int, text: bytes) -> Damage:
 TABLES: dict[str, Damage] = {
     "emptied": lambda data: b"",
     "its header alone": lines(lambda rows: rows[:1]),
-    "ten copies of its first eight rows": lines(lambda rows: rows[:1] + 10 * rows[1:9]),
     "one copy of a row more": lines(lambda rows: [*rows, rows[-1]]),
     "a row in the place of another": lines(lambda rows: [*rows[:5], rows[4], *rows[6:]]),
-    "two rows exchanged": lines(lambda rows: [*rows[:5], rows[6], rows[5], *rows[7:]]),
     "its first row missing": lines(lambda rows: rows[:1] + rows[2:]),
-    "a row in the middle missing": lines(lambda rows: rows[:5] + rows[6:]),
-    "its last row missing": lines(lambda rows: rows[:-1]),
     "its last row torn": lambda data: data[:-40],
-    "eight rows": lines(lambda rows: rows[:9]),
     "another seed's vehicle": cell(4, 1, b"0.5"),
-    "a seed in other digits": cell(4, 0, b"3.0"),
     "lost twice": cell(4, 3, b"2"),
-    "half lost": cell(4, 3, b"0.5"),
     "a magnitude below 0": cell(4, 6, b"-0.1"),
     "a word": cell(4, 6, b"high"),
-    "a number of 5000 digits": cell(4, 6, b"x" + b"9" * 5000),
     "a byte 0xff": cell(4, 6, b"\xff"),
-    "a cell of 200 kB": cell(4, 6, b"1" * 200_000),
-    "a NUL": cell(4, 6, b"\0"),
-    "a quote that is not closed": cell(4, 6, b'"'),
     "a cell too many": cell(4, 6, b"0.1,0.1"),
-    "two columns of one name": cell(0, 6, b"max_alpha"),
     "a column that no flight has": cell(0, 10, b"merit"),
-    "another header": lines(lambda rows: [b"seed,error\n", *rows[1:]]),
     "an archive": lambda data: b"\x1f\x8b" + data,
-    "UTF-16": lambda data: data.decode().encode("utf-16"),
-    "blanks": lambda data: b"\n" * 100,
 }
 
 
@@ -177,16 +153,11 @@ def replaced(key: str, value: object) -> Damage:
 DEEP = b"[" * 100_000 + b"]" * 100_000
 DEFINITIONS: dict[str, Damage] = {
     "nested": lambda data: DEEP,
-    "nested within": lambda data: data.replace(b'"requirements": [', b'"requirements": [' + DEEP + b","),
     "a number of 5000 digits": lambda data: data.replace(b'"seed": 0', b'"seed": ' + b"9" * 5000),
     "a number of 400 digits": lambda data: data.replace(b'"seed": 0', b'"seed": ' + b"9" * 400),
-    "two megabytes": lambda data: data + b" " * 2_000_000 + b"x",
-    "no flights": replaced("flights", 0), "fewer than none": replaced("flights", -N), "true": replaced("flights", True),
-    "half a seed": replaced("seed", 0.5), "a seed as text": replaced("seed", "0"), "no seed": replaced("seed", None),
-    "requirements of numbers": replaced("requirements", [[[1]]]), "one requirement": replaced("requirements", ASKED),
-    "a version as a map": replaced("version", {"a": [1]}),
-    "an empty map": lambda data: b"{}", "cut": lambda data: data[:-9], "nothing": lambda data: b"",
-    "NUL": lambda data: bytes(len(data)), "no UTF-8": lambda data: b"\xff" + data,
+    "no flights": replaced("flights", 0), "half a seed": replaced("seed", 0.5),
+    "requirements of numbers": replaced("requirements", [[[1]]]), "an empty map": lambda data: b"{}",
+    "cut": lambda data: data[:-9], "no UTF-8": lambda data: b"\xff" + data,
 }
 
 
@@ -212,16 +183,12 @@ def second(text: bytes) -> Damage:
 ROW = {"lost": 0, "end": 0.1, "max_theta_error": 0.1, "max_theta_dot": 0.1, "max_alpha": 0.1, "max_beta": 0.1,
        "max_beta_rate": 0.1}
 JOURNALS: dict[str, Damage] = {
-    "nested": lambda data: DEEP + b"\n", "nested within": second(b"[0, " + DEEP + b"]"), "rubbish": second(b"\xff\xfe"),
-    "a job alone": second(b"[0]"), "no list": second(b"7"), "a map": second(b'{"0": 1, "1": 2}'),
-    "a job that there is not": journal_line([N, ROW]), "a job below 0": journal_line([-1, ROW]),
-    "true for a job": journal_line([True, ROW]), "a list for a row": journal_line([0, [1]]),
-    "a row of lists": journal_line([0, {**ROW, "lost": [0]}], 1),
+    "nested": lambda data: DEEP + b"\n", "rubbish": second(b"\xff\xfe"),
+    "a job alone": second(b"[0]"), "a job that there is not": journal_line([N, ROW]),
+    "a list for a row": journal_line([0, [1]]),
     "a row of something else": journal_line([0, {"x": 1}], 1),
-    "a number of 400 digits": second(b'[0, {"lost": ' + b"9" * 400 + b"}]"),
     "lost twice": journal_line([0, {**ROW, "lost": 2}], 1),
-    "a magnitude below 0": journal_line([0, {**ROW, "end": -1}], 1),
-    "a column twice": journal_line([0, {**ROW, "seed": 7}], 1), "not lost": journal_line([0, {"end": 0.1}], 1),
+    "a column twice": journal_line([0, {**ROW, "seed": 7}], 1),
     "another campaign's": lambda data: data.replace(b"launchid campaign", b"launchid champagne"),
     "more jobs": lines(lambda rows: [rows[0].replace(b", 30]", b", 31]"), *rows[1:]]),
 }
@@ -255,7 +222,7 @@ def test_a_folder_in_use_is_one_line_for_each_who_would_write(place, capsys):
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_a_second_run_is_refused_and_a_killed_one_leaves_no_lock(tmp_path, capsys):
     """The run is killed with its worker alive, which goes a second later: the lock is not the worker's."""
-    nominal = nominal_of(tmp_path, 10.0)
+    nominal = small(tmp_path, 10.0)
     words = ["campaign", str(tmp_path / "n.toml"), "--flights", "150", "--workers", "1", "--out", str(tmp_path / "out")]
     journal = tmp_path / "out" / JOURNAL
     with subprocess.Popen([sys.executable, "-m", "sim", *words], cwd=ROOT, stderr=subprocess.DEVNULL) as process:

@@ -1,6 +1,5 @@
 """A body that spins through many turns, and simulations that do run away: evidence is a number of the log, or none."""
 
-import dataclasses
 import json
 import math
 
@@ -9,9 +8,8 @@ import pytest
 
 from launchid.cli.main import main
 from launchid.diagnosis.answer import report
-from launchid.diagnosis.report.page import write_report
 from launchid.diagnosis.verdict import diagnose
-from launchid.log.log import OPTIONAL, REQUIRED, Log
+from launchid.log.log import OPTIONAL, REQUIRED, Log, write_columns
 from sim.nominal import Nominal, load_nominal
 
 ROWS, PERIOD = 1200, 0.01   # s
@@ -93,17 +91,7 @@ def test_a_nominal_that_could_not_fly_names_nothing(columns, tmp_path, capsys):
     """Drag of the wrong sign and a thousand times too large: no cause, and no warning on the way to the page."""
     made = diagnose(log_of(columns), nominal(tmp_path, '"theta_dot" = 60000.0'))
     assert (made.verdict, made.named) == ("unexplained", ())
-    (tmp_path / "spin.csv").write_text("\n".join([",".join(columns), *(",".join(map(repr, row)) for row in zip(
-        *(x.tolist() for x in columns.values()), strict=True))]) + "\n", encoding="utf-8")
+    write_columns(tmp_path / "spin.csv", columns)
     main(["diagnose", str(tmp_path / "spin.csv"), str(tmp_path / "spinning.toml"), "--report", str(tmp_path / "r")])
     assert "Warning" not in capsys.readouterr().err
     assert json.loads((tmp_path / "r" / "verdict.json").read_text(encoding="utf-8"))["verdict"] == "unexplained"
-
-
-def test_a_log_too_short_for_anything_has_a_report_too(columns, tmp_path):
-    log = log_of(columns)
-    few = dataclasses.replace(log, **{name: getattr(log, name)[:30] for name in (*REQUIRED, *OPTIONAL)})
-    made = diagnose(few, nominal(tmp_path))
-    assert made.verdict == "unexplained" and made.elimination is None
-    write_report(made, report(made), tmp_path / "r")
-    assert "too few rows" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")

@@ -10,7 +10,6 @@ import numpy as np
 import public_flights as flights
 import pytest
 
-import launchid
 from launchid.cli.main import main
 from launchid.commands.fit_lft import fit_lft
 from launchid.commands.identify import identify
@@ -229,15 +228,6 @@ def test_clean_flights_raise_nothing(name, period):
     assert faults(log_of(log.measured() | {"t": log.t + 1.75e9}), None) == ()
 
 
-def test_a_first_row_without_beta_does_not_make_the_whole_log_too_short(plain):
-    whole, cut = ({name: x.copy() for name, x in plain.items()} for _ in range(2))
-    whole["beta"][0] = math.nan
-    cut = {name: x[1:] for name, x in cut.items()}
-    one, other = (identify(log_of(columns), window="all").report["windows"][0] for columns in (whole, cut))
-    assert one["status"] == "OK" and one["a6"] == pytest.approx(other["a6"], rel=1e-9)
-    assert abs(one["a6"] - 2.0) < 4.0 * one["a6_std"] and abs(one["k1"] + 6.0) < 4.0 * one["k1_std"]
-
-
 # ---- true reasons
 
 
@@ -285,19 +275,6 @@ def test_a_flight_is_fitted_once_and_few_say_so(tmp_path, capsys):
 
 
 # ---- names of Python, digits of a first nominal
-
-
-@pytest.mark.parametrize(("asked", "name"), [
-    (lambda log: launchid.identify(log, window=None), "window None"),
-    (lambda log: launchid.identify(log, formulation="filtered"), "formulation filtered"),
-    (lambda log: launchid.simulate("constant", seed=None), "seed None"),
-    (lambda log: launchid.simulate("constant", effects=3), "effects 3"),
-    (lambda log: launchid.plan("constant", accuracy=None, window=5.0), "accuracy None"),
-    (lambda log: launchid.fit_lft([log], "constant", share=2.0), "share 2.0")])
-def test_python_is_told_the_parameter_and_no_option_of_a_shell(plain, asked, name):
-    with pytest.raises(launchid.UsageError, match=f"^{name}") as caught:
-        asked(plain)
-    assert "--" not in str(caught.value)
 
 
 def test_a_first_nominal_has_the_digits_that_it_knows(plain, tmp_path, capsys):

@@ -15,8 +15,8 @@ import sys
 from launchid.__main__ import command
 folder = sys.argv[1] + "/"
 for words in (["simulate", folder + "short.toml", "--out", folder + "log.csv", "--seed", "3", "--quiet"],
-              ["identify", folder + "log.csv", "--json", folder + "identify.json", "--quiet"],
-              ["identify", folder + "log.csv", "--nominal", folder + "short.toml", "--tracked", "--quiet"],
+              ["identify", folder + "log.csv", "--nominal", folder + "short.toml", "--tracked", "--json",
+               folder + "identify.json", "--quiet"],
               ["diagnose", folder + "log.csv", folder + "short.toml", "--json", "-", "--quiet"]):
     sys.argv[1:] = words
     assert command() == 0

@@ -364,8 +364,13 @@ def slow():
     return launchid.simulate(true, seed=5)
 
 
-def test_an_unknown_servo_is_estimated_and_is_in_the_margins(slow):
-    found = launchid.margins(slow, unsure(), tracked=True)
+@pytest.fixture(scope="module")
+def estimated(slow):
+    return launchid.margins(slow, unsure(), tracked=True)
+
+
+def test_an_unknown_servo_is_estimated_and_is_in_the_margins(estimated):
+    found = estimated
     std = np.sqrt(np.diag(found.servo.covariance))
     assert np.all(np.abs(found.servo.mean - [36.0, 0.7, 0.0152]) < 3.5 * std) and np.all(std < [1.0, 0.03, 1e-3])
     said = found.report["actuator"]["delay"]
@@ -378,9 +383,9 @@ def test_an_unknown_servo_is_estimated_and_is_in_the_margins(slow):
     assert "servo as estimated" in found.summary()
 
 
-def test_the_servos_lag_is_known_better_than_what_it_is_made_of(slow):
+def test_the_servos_lag_is_known_better_than_what_it_is_made_of(estimated):
     """A slower servo and a later one look alike: without their correlation the phase margin would be wider."""
-    last = launchid.margins(slow, unsure()).windows[-1].window
+    last = estimated.windows[-1].window
     mean, covariance = last.known
     unrelated = covariance.copy()
     unrelated[2:, 2:] = np.diag(np.diag(covariance)[2:])
@@ -403,9 +408,9 @@ def test_a_known_servo_that_is_another_one_has_no_margins(slow):
     assert [each["status"] for each in found.report["windows"]] == ["MODEL"] * 6
 
 
-def test_not_knowing_the_servo_widens_the_intervals(slow):
+def test_not_knowing_the_servo_widens_the_intervals(estimated):
     """The narrow intervals are those of knowing the very servo that the flight has shown."""
-    for each in launchid.margins(slow, unsure()).windows:
+    for each in estimated.windows:
         known = each.window.known
         covariance = known.covariance.copy()
         covariance[2:] = covariance[:, 2:] = 0.0
@@ -432,9 +437,9 @@ def test_without_the_command_the_servo_is_as_declared_and_that_is_said(slow):
     assert any("without the command nothing is known of the servo's" in each for each in found.warnings)
 
 
-def test_identified_windows_have_the_same_margins_behind_an_estimated_servo(slow):
-    found = launchid.identify(slow, unsure(), window=5.0).margins()
-    assert found.to_json() == launchid.margins(slow, unsure()).to_json()
+def test_identified_windows_have_the_same_margins_behind_an_estimated_servo(slow, estimated):
+    found = launchid.identify(slow, unsure(), window=5.0, tracked=True).margins()
+    assert found.to_json() == estimated.to_json()
 
 
 # ---- the command, the picture
@@ -451,18 +456,23 @@ def test_the_command_writes_what_python_has(flight, made, tmp_path, capsys):
     assert main(["margins", str(log), "pendulum_linear"]) == 3
 
 
-def test_the_picture_has_the_margins_over_time_a_nichols_chart_and_a_bode_plot(flight, made):
-    labels = [axis.get_ylabel().replace("\n", " ") for axis in made.plot().axes]
+@pytest.fixture(scope="module")
+def picture(made):
+    return made.plot()
+
+
+def test_the_picture_has_the_margins_over_time_a_nichols_chart_and_a_bode_plot(picture):
+    labels = [axis.get_ylabel().replace("\n", " ") for axis in picture.axes]
     assert labels == ["low gain margin [dB]", "high gain margin [dB]", "phase margin [degrees]", "delay margin [ms]",
                       "open-loop gain [dB]", "|L| [dB]", "phase of L [deg]"]
-    chart = made.plot().axes[4]
+    chart = picture.axes[4]
     assert any(line.get_xdata().tolist() == [-180.0] and line.get_ydata().tolist() == [0.0] for line in chart.lines)
 
 
-def test_the_nichols_curve_ends_where_the_margins_are(made):
+def test_the_nichols_curve_ends_where_the_margins_are(made, picture):
     """The identified curve is at 0 dB as many degrees right of -180 as its phase margin."""
     spread = made.windows[-1].window.spread
-    curve = next(line for line in made.plot().axes[4].lines if line.get_label() == "as identified")
+    curve = next(line for line in picture.axes[4].lines if line.get_label() == "as identified")
     phase, gain = curve.get_data()
     k = int(np.flatnonzero((gain[:-1] > 0.0) & (gain[1:] <= 0.0))[-1])
     at = phase[k] + (phase[k + 1] - phase[k]) * gain[k] / (gain[k] - gain[k + 1])
