@@ -191,7 +191,8 @@ class Replay:
             design, wanted = columns[:, :2], columns[:, 2]
             x = least_squares(design, wanted)
             after = rms(wanted - combined(design, x))
-            return after, x, after * np.sqrt(np.maximum(np.diag(np.linalg.pinv(products(design, design))), 0.0))
+            std = after * np.sqrt(np.maximum(np.diag(np.linalg.pinv(products(design, design))), 0.0))
+            return after, x, np.maximum(std, len(wanted) * np.finfo(float).eps * np.abs(x))   # of sums (Higham 2002)
 
         lag = min(range(MOST_COMPUTING_PERIODS + 1) if lags is None else lags, key=lambda each: fit(each)[0])
         after, x, std = fit(lag)

@@ -25,6 +25,7 @@ FEWEST_ROWS = 40       # without which nothing is fitted: twice as many as there
 FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 ALERT = 30.0           # times the declared acceleration noise, between rows: the plant may be wrong, follow the sensors
 FILTER_STEP = 0.0067    # s of the filter between two rows: a tenth of a servo's time
+MOST_COMMANDS = 8       # in a row, each with a step of its own; of more, means
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +123,9 @@ def track_of(r: Record) -> Track:
     """The record on its own stamps."""
     at = np.append(r.at, r.at[-1] + r.every)
     t = r.t[0] + at * r.step
-    sub = max(1, math.ceil(r.period / FILTER_STEP - 1e-9))
+    sub, commands = max(1, math.ceil(r.period / FILTER_STEP - 1e-9)), r.every // r.tick
+    if r.fine == 1 and 1 < commands <= MOST_COMMANDS:   # no step has two of them: a fast servo tells them apart
+        sub = commands * math.ceil(sub / commands)
     edges = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(sub) / sub).ravel(), t[-1])
     ticks = t[0] + np.arange(len(r.commands) + 1) * (r.tick * r.step)
     middle = 0.5 * (t[:-1] + t[1:]) + r.shift

@@ -253,12 +253,20 @@ def _drift(m: Model) -> list[Column]:
     return [Column(-m.a6 * np.append(0.0, np.cumsum(x[:-1] * m.dt[:-1]))) for x in (m.motion[:, 0], m.motion[:, 2])]
 
 
-def _limited(m: Model, play: float, rate: float) -> list[Column]:
-    """What a play or a rate limit makes of the command, less the command."""
+def _limited(m: Model, rate: float) -> list[Column]:
+    """What a rate limit makes of the command, less the command."""
     u = m.base_input.ravel()
     out = np.empty(len(u))
-    ekf.nozzle_input(u, m.widths, m.base_constants, 0.0, 0.0, play, rate, out)
+    ekf.nozzle_input(u, m.widths, m.base_constants, 0.0, 0.0, rate, out)
     return [Column(command=(out - u).reshape(m.n, -1).mean(axis=1))]
+
+
+def _played(m: Model, width: float) -> list[Column]:
+    """What a play makes of the command, less the command."""
+    def get(name: str, missing: float = 0.0) -> float:
+        return m.given.get(name, missing) + width * (name == "play")
+
+    return [Column(command=(m.input_of(get, m.base_constants) - m.base_input).mean(axis=1))]
 
 
 def _beat(m: Model, frequency: float) -> list[Column]:
@@ -373,10 +381,10 @@ CANDIDATE_KINDS = (
     Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift,
          lambda m: m.has["theta"] and _unstable(m) and not m.track.record.path.size, prior=lambda m: 0.1),
     Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1,
-         lambda m, half_width: _limited(m, half_width, 0.0), _commanded, lambda m: [(x,) for x in PLAYS],
+         _played, _commanded, lambda m: [(x,) for x in PLAYS],
          bounds=((2e-5, 1e-6, 0.2),), place="actuator"),
-    Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, lambda m, rate: _limited(m, 0.0, rate),
-         _commanded, _rates, bounds=((1e-3, 1e-3, 50.0),), place="actuator"),
+    Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, _limited, _commanded, _rates,
+         bounds=((1e-3, 1e-3, 50.0),), place="actuator"),
     # in no list: what they explain is not named
     Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.mean_input * np.abs(m.mean_input))], _commanded,
          place="actuator"),

@@ -1,5 +1,6 @@
 """Estimates: Gauss-Newton with priors on the whitened innovations, noise levels by likelihood."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -134,36 +135,38 @@ def at_bound(m: Model, fit: Fit) -> list[int]:
     return [i for i, j in enumerate(fit.free) if fit.p[j] <= low[j] + 1e-9 or fit.p[j] >= high[j] - 1e-9]
 
 
-def fit_levels(m: Model, p: np.ndarray, rounds: int = 3) -> None:
-    """Noise levels by Fisher scoring of the innovations' likelihood, with a normal prior of their logarithms about the
-    declared (Astrom 1980; the information as in Klein and Morelli 2006, eq. 6.49)."""
-    def cost() -> tuple[float, np.ndarray, np.ndarray]:
-        e = m.white(p)
-        d = (m.levels - m.levels0)[m.moves] / m.spread[m.moves]
-        return square(e) + m.log_variance + square(d), e, np.log(m.S.ravel()[m.flat])
+def level_information(m: Model, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(gradient (moves,), twice the information (moves, moves)) of -2 log likelihood in the levels' logarithms, with a
+    normal prior about the declared (Astrom 1980; Klein and Morelli 2006, eq. 6.49)."""
+    h, e = 0.05, m.white(p)
+    v = np.log(m.S.ravel()[m.flat])
+    D, V = np.empty((2, len(m.moves), len(e)))
+    for row, i in enumerate(m.moves):
+        m.levels[i] += h
+        D[row] = (m.white(p) - e) / h
+        V[row] = (np.log(m.S.ravel()[m.flat]) - v) / h
+        m.levels[i] -= h
+    w = m.spread[m.moves]**-2.0
+    R = D + 0.5 * e * V                 # slopes of the innovations themselves
+    return 2.0 * along(D.T, e) + V.sum(1) + 2.0 * w * (m.levels - m.levels0)[m.moves], \
+        gram(V.T) + 2.0 * gram(R.T) + np.diag(2.0 * w + 1e-9)
 
-    best, e, v = cost()
-    h = 0.05
+
+def fit_levels(m: Model, p: np.ndarray, rounds: int = 3) -> None:
+    """Noise levels by Fisher scoring of the innovations' likelihood."""
+    def cost() -> float:
+        d = (m.levels - m.levels0)[m.moves] / m.spread[m.moves]
+        return square(m.white(p)) + m.log_variance + square(d)
+
+    best = cost()
     for _ in range(rounds):
-        de, dv = [], []
-        for i in m.moves:
-            m.levels[i] += h
-            e1 = m.white(p)
-            de.append((e1 - e) / h)
-            dv.append((np.log(m.S.ravel()[m.flat]) - v) / h)
-            m.levels[i] -= h
-        D, V = np.array(de), np.array(dv)
-        w = m.spread[m.moves]**-2.0
-        g = 2.0 * along(D.T, e) + V.sum(1) + 2.0 * w * (m.levels - m.levels0)[m.moves]
-        R = D + 0.5 * e * V                 # slopes of the innovations themselves
-        A = gram(V.T) + 2.0 * gram(R.T) + np.diag(2.0 * w + 1e-9)
+        g, A = level_information(m, p)
         old = m.levels.copy()
         for shorter in (1.0, 0.3, 0.1):
             d = np.clip(-shorter * np.linalg.solve(A, g), -LEVEL_STEP, LEVEL_STEP)
             m.levels[m.moves] = np.minimum(old[m.moves] + d, (m.levels0 + m.cap)[m.moves])
-            value, e1, v1 = cost()
-            if value < best:
-                gain, best, e, v = best - value, value, e1, v1
+            if (value := cost()) < best:
+                gain, best = best - value, value
                 break
         else:
             m.levels = old
@@ -171,3 +174,11 @@ def fit_levels(m: Model, p: np.ndarray, rounds: int = 3) -> None:
             return
         if gain < 0.5:
             return
+
+
+def level_deviation(m: Model, p: np.ndarray, k: int) -> float:
+    """One sigma of level k."""
+    C = np.linalg.inv(0.5 * level_information(m, p)[1])
+    at = int(np.flatnonzero(m.moves == k)[0])
+    m.white(p)
+    return float(math.exp(m.levels[k]) * math.sqrt(C[at, at]))

@@ -334,18 +334,41 @@ def whiten(E, S, at, out):
 
 
 @kernel
-def nozzle_input(u, h, c, lag, washout, play, rate, out):
-    """What acts in the place of the command u (m,), means over steps h (m,): behind a play of +-play, a first-order
-    lag, and less its low-pass of time 1/washout; of a servo that moves no faster than `rate`, the input at which the
-    linear servo moves alike.  out (m,)."""
-    p, low, y = u[0], 0.0, u[0]
+def played(u, width, noise, out):
+    """The mean (m,) of what a play of +-width makes of commands u (m,) with a white noise on each, out.
+
+    The noise works its way through a play that is not far wider.  The driven side is a normal variable of mean y and
+    variance v; d, what is asked of it, is one too, and moves it by what is beyond the play: by the means of that, its
+    square and its product with d (Gelb and Vander Velde, Multiple-Input Describing Functions, 1968, ch. 7).
+    """
+    y, v = u[0], 0.0
+    for i in range(len(u)):
+        if noise == 0.0:
+            y = min(max(y, u[i] - width), u[i] + width)
+        else:
+            s = math.sqrt(noise * noise + v)
+            above, below = (u[i] - y - width) / s, (y - u[i] - width) / s
+            pa, pb = 0.5 * math.erfc(-above / math.sqrt(2.0)), 0.5 * math.erfc(-below / math.sqrt(2.0))
+            fa = math.exp(-0.5 * above * above) / math.sqrt(2.0 * math.pi)
+            fb = math.exp(-0.5 * below * below) / math.sqrt(2.0 * math.pi)
+            moved = s * (above * pa + fa - below * pb - fb)
+            squares = s * s * ((1.0 + above * above) * pa + above * fa + (1.0 + below * below) * pb + below * fb)
+            r = v / (s * s)                   # the driven side's own part of d
+            y += moved
+            v = r * noise * noise + max(squares - moved * moved - 2.0 * r * s * s * (pa + pb) + r * v, 0.0)
+        out[i] = y
+
+
+@kernel
+def nozzle_input(u, h, c, lag, washout, rate, out):
+    """What acts in the place of the command u (m,), means over steps h (m,): behind a first-order lag, and less its
+    low-pass of time 1/washout; of a servo that moves no faster than `rate`, the input at which the linear servo moves
+    alike.  out (m,)."""
+    low, y = 0.0, u[0]
     b, v = u[0], 0.0
     w, z = c[W], c[ZETA]
     for i in range(len(u)):
         x = u[i]
-        if play > 0.0:
-            p = min(max(p, x - play), x + play)
-            x = p
         if lag > 0.0:
             a = math.exp(-h[i] / lag)
             mean = x + (y - x) * (1.0 - a) * lag / h[i]

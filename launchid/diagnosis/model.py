@@ -77,7 +77,7 @@ class Model:
 
     def __init__(self, track: Track, noise: str = "bounded") -> None:
         self.track, nominal, self.noise = track, track.nominal, noise
-        self.t, self.z, self.n = track.t, track.z, len(track.z)
+        self.t, self.z, self.n, self.retimed = track.t, track.z, len(track.z), 0.0
         self.dt = np.diff(track.t)
         self.centre = 0.5 * (track.t[0] + track.t[-2])
         self.servo = track.record.actuator
@@ -182,6 +182,19 @@ class Model:
         self.levels = self.levels0.copy()
         self.inputs.clear()
 
+    def retime(self, late: float) -> bool:
+        """Put the gyro's column earlier, by the whole rows of so late a gyro [s]: no series of few terms says what it
+        does between them.  Whether there are any."""
+        row = float(np.median(self.dt))
+        rows = round((late - self.retimed) / row)
+        if rows < 1 or not self.is_flown:
+            return False
+        z = self.z.copy()
+        z[:-rows, 1] = self.z[rows:, 1]
+        z[-rows:, 1] = np.nan
+        self.z, self.retimed, self.flat = z, self.retimed + rows * row, np.zeros(0, np.int64)
+        return True
+
     # ---- numbers to the filter's arrays
 
     def index(self, name: str) -> int:
@@ -206,15 +219,21 @@ class Model:
         if key not in self.inputs:
             delay = (self.servo.delay if self.is_commanded else 0.0) + key[0]
             ticks, edges = self.track.ticks, self.track.edges - delay
-            total = np.interp(edges, ticks, self.integral)
-            total = np.where(edges < ticks[0], (edges - ticks[0]) * self.track.commands[0], total)
-            beyond = self.integral[-1] + (edges - ticks[-1]) * self.track.commands[-1]
+            commands, integral = self.track.commands, self.integral
+            if key[3] > 0.0:
+                noise = self.servo.command_noise_std if self.is_commanded else 0.0
+                commands = np.empty(len(commands))
+                ekf.played(self.track.commands, key[3], noise, commands)
+                integral = np.append(0.0, np.cumsum(commands * np.diff(ticks)))
+            total = np.interp(edges, ticks, integral)
+            total = np.where(edges < ticks[0], (edges - ticks[0]) * commands[0], total)
+            beyond = integral[-1] + (edges - ticks[-1]) * commands[-1]
             total = np.where(edges > ticks[-1], beyond, total)
             u = np.diff(total) / self.widths
-            if any(key[1:]):
+            if key[1] > 0.0 or key[2] > 0.0 or key[4] > 0.0:
                 out = np.empty(len(u))
                 limit = 1.0 / key[4] if key[4] > 0.0 else 0.0
-                ekf.nozzle_input(u, self.widths, c, key[1], key[2], key[3], limit, out)
+                ekf.nozzle_input(u, self.widths, c, key[1], key[2], limit, out)
                 u = out
             if len(self.inputs) > 24:
                 self.inputs.pop(next(iter(self.inputs)))
@@ -232,7 +251,7 @@ class Model:
         c[ekf.SERVO_ORDER_PLACE] = ekf.FIRST_ORDER_SERVO if self.servo.is_first_order else ekf.SECOND_ORDER_SERVO
         c[ekf.W] = self.servo.frequency * max(get("bandwidth", 1.0), 0.01)
         c[ekf.ZETA] = 1.0 if self.servo.is_first_order else self.servo.damping_ratio
-        c[ekf.DT], c[ekf.DW] = get("attitude_delay"), get("gyro_delay")
+        c[ekf.DT], c[ekf.DW] = get("attitude_delay"), get("gyro_delay") - self.retimed
         c[ekf.SCALE], c[ekf.GYRO], c[ekf.NULL] = get("gyro_scale", 1.0), get("gyro_bias"), get("nozzle_bias")
         c[ekf.SOFT] = max(0.05 * self.scales.omega, 1e-9)
         c[ekf.TAU_M], c[ekf.TAU_G] = self.tau_m, self.tau_g

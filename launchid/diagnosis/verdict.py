@@ -19,13 +19,14 @@ from .adapter import FEWEST_ROWS, Reading, read
 from .candidates import CANDIDATE_KINDS, TOLERANCE_SIGMAS, usual
 from .controller.check import ControllerCheck
 from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, Elimination, Kept, Search
-from .estimate import Fit, fit_levels, gauss_newton, gram
+from .estimate import Fit, fit_levels, gauss_newton, gram, level_deviation
 from .gain import Gain, held_out
 from .model import KINEMATIC, SCORE_BLOCKS, WEATHER, Model, Number, Stopped
 from .scan import RIVAL_SHARE, Found, scan, with_shape
 from .score import compare, covariance, left_out
 
 SERVO_DELAYS = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)  # s, delays of a servo that are tried
+SLOW_SERVOS = (0.6, 0.35, 0.2, 0.12)   # of its bandwidth, of a servo that are tried
 FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
 WEATHER_NATS = 20.0    # nats by which weather must be better than causes
 FIRST_SHAPES = 50.0    # squares that a shape must promise while everything is free; what promises less is sought later
@@ -172,6 +173,9 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
     p = everything(m)
     say("taking away")
     el = Search(m, notes).run(p)
+    if any(k.group.name == "gyro_delay" for k in el.kept) and m.retime(float(el.final.p[m.index("gyro_delay")])):
+        fit_levels(m, el.full.p)
+        el = Search(m, notes).run(el.full.p)
     p = with_found(m, el.final, el.full.p)   # shapes that show once the numbers that are not needed are gone
     if len(p) > len(el.full.p):
         el = Search(m, notes).run(p)
@@ -188,6 +192,7 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
     other = Model(second.track, m.noise)
     other.weather, other.levels0, other.levels = m.weather, m.levels0, m.levels
     other.is_windy, other.tau_m, other.m0 = m.is_windy, m.tau_m, m.m0
+    other.retime(m.retimed)
     other.with_numbers(m.numbers, m.shapes)
     nats = 0.5 * (square(el.e_nominal) - square(el.e_final))
     return replace(result, gain=held_out(other, el.nominal, el.final, el.full, nats, is_another=True))
@@ -225,11 +230,13 @@ def with_found(m: Model, fit: Fit, p: np.ndarray, least: float = 0.0) -> np.ndar
 
 
 def limited(m: Model) -> np.ndarray:
-    """The numbers to start from: with a rate limit, a play, a delay or a trim where one leaves clearly less than none,
-    for a servo so limited or so late, or a vehicle that its trim has lost, is no small forcing of another."""
+    """The numbers to start from: with a rate limit, a play, a delay, a slower servo or a trim where one leaves clearly
+    less than none, for a servo so limited or so late, or a vehicle that its trim has lost, is no small forcing of
+    another."""
     plain = square(m.white(m.null))
-    late = np.repeat(m.null[None], len(SERVO_DELAYS), axis=0)
-    late[:, m.index("delay")] += SERVO_DELAYS
+    late = np.repeat(m.null[None], len(SERVO_DELAYS) + len(SLOW_SERVOS), axis=0)
+    late[:len(SERVO_DELAYS), m.index("delay")] += SERVO_DELAYS
+    late[len(SERVO_DELAYS):, m.index("bandwidth")] *= SLOW_SERVOS
     trimmed = [gauss_newton(m, m.null, (m.index("misalignment"),)).p] if "misalignment" in m.names else []
     least, p = min(((square(m.white(q)), q) for q in (*late, *trimmed)), key=lambda each: each[0])
     best = None
@@ -313,7 +320,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     if not m.is_flown and of_input and not acts(m, el):
         listed = [k for k in listed if k not in of_input]
         words.append("the input of another time explains as much as the log's own: nothing is said of it")
-    names = [*named_beside(m, controller), *(each for k in listed for each in named_of(m, el, k))]
+    names = [*named_beside(m, el, controller), *(each for k in listed for each in named_of(m, el, k))]
     doubts = [others.get(k.group.name) or
               f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause"
               for k in unlisted]
@@ -485,7 +492,7 @@ def beside(m: Model, number: Number, value: float) -> float:
     return value if own is None else value / own if number.parameter == "scale" else value - own
 
 
-def named_beside(m: Model, controller: ControllerCheck | None) -> list[Named]:
+def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None) -> list[Named]:
     """What is found without a number of the fit: another controller, weather."""
     found = []
     if controller is not None and controller.is_named:
@@ -493,9 +500,12 @@ def named_beside(m: Model, controller: ControllerCheck | None) -> list[Named]:
             "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
             "delay": (controller.delay, controller.std[2])}, (), controller.evidence, math.nan))
     if m.weather:
-        given: dict[str, tuple[Any, float | None]] = {"level": (math.exp(m.levels[WEATHER[m.weather]]), None)}
-        if m.weather == "turbulence":
-            given["time_constant"] = (m.tau_g, None)
+        k, std = WEATHER[m.weather], level_deviation(m, el.final.p, WEATHER[m.weather])
+        level = math.exp(m.levels[k])
+        given: dict[str, tuple[Any, float | None]] = {"level": (level, std)}
+        if m.weather == "turbulence":   # of another spectrum the log shows the rms alone, to sqrt(time/2 span)
+            given = {"level": (level, math.hypot(std, level * math.sqrt(0.5 * m.tau_g / (m.t[-1] - m.t[0])))),
+                     "time_constant": (m.tau_g, None)}
         found.append(Named(m.weather, "environment", given, tuple(WEATHER.keys() - {m.weather}), math.nan, math.nan))
     return found
 

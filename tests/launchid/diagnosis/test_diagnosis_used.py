@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from shortened import short
 
+from launchid.diagnosis.adapter import track_of
+from launchid.diagnosis.candidates import usual
 from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.data.used import LONGEST_PERIOD, MOTION_STEP, cut, shortened, slowest, sparser, used
+from launchid.diagnosis.data.used import LONGEST_PERIOD, MOTION_STEP, cut, shortened, slowest, sparser, thinned, used
+from launchid.diagnosis.model import Model
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED, Log
 from sim.flight import fly_whole
@@ -59,6 +62,22 @@ def test_a_fast_vehicle_s_own_oscillation_stays_resolved():
     r = dataclasses.replace(r, nominal=dataclasses.replace(r.nominal, vehicle=constant_profile(-1e4, 1.0)))   # 1.5 rows
     made, said = used(r, r.t, most=1000)
     assert said.every == 1 and made.rows == 1000 and shortened(r, most=1000).rows == 1000
+
+
+def test_the_nozzle_between_two_rows_is_driven_by_each_command():
+    """A fast servo in a log of which one row in two is fitted: it seemed limited in rate, for a step of the filter had
+    the mean of two commands.  At those rows it is where it is at those of the whole log."""
+    log, nominal = logged(0.01)
+    assert nominal.actuator is not None
+    nominal = dataclasses.replace(nominal, actuator=dataclasses.replace(nominal.actuator, natural_frequency=66.0))
+    r = record(log, nominal, check(log, nominal))
+    beta = []
+    for each in (r, thinned(r, 2)):
+        m = Model(track_of(dataclasses.replace(each, z=np.full_like(each.z, np.nan))))
+        m.with_numbers(usual(m), [])
+        m.run(m.null)
+        beta.append(m.X[:, 4])
+    assert np.max(np.abs(beta[1] - beta[0][::2])) < 1e-6 * np.max(np.abs(beta[0]))
 
 
 def test_a_test_stand_s_log_is_thinned_before_it_has_a_grid():

@@ -9,7 +9,8 @@ from hidden import draw_spec, fly
 from launchid.diagnosis.adapter import read
 from launchid.diagnosis.answer import lines, report
 from launchid.diagnosis.candidates import CANDIDATE_KINDS, usual
-from launchid.diagnosis.estimate import fit_levels
+from launchid.diagnosis.estimate import fit_levels, level_deviation
+from launchid.diagnosis.filter import played
 from launchid.diagnosis.model import Model
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.log import log_of_values
@@ -68,3 +69,46 @@ def test_whitened_innovations_of_the_truth_are_white(clean):
 def test_every_listed_cause_of_the_table_is_in_the_catalogue(clean):
     causes = {each.cause for each in (*clean.numbers, *CANDIDATE_KINDS)} - {""}
     assert causes <= set(CATALOGUE)
+
+
+def test_a_noise_level_has_the_deviation_of_a_normal_sample(clean):
+    """Of n rows the level is known to 1/sqrt(2 n) of itself, and less well by what the state takes of them."""
+    fit_levels(clean, clean.null, 4)
+    rows = np.count_nonzero(clean.channel == 2)
+    share = level_deviation(clean, clean.null, 2) / np.exp(clean.levels[2])
+    assert 1.0 < share * np.sqrt(2.0 * rows) < 1.6
+
+
+def test_a_play_passes_on_the_mean_of_what_noise_makes_of_it():
+    """Against 4000 noisy plays flown one by one; without noise it is the play itself."""
+    rng, width, noise = np.random.default_rng(3), 8e-4, 7e-4
+    u = 3e-3 * (np.sin(0.011 * np.arange(800)) + 0.5 * np.sin(0.029 * np.arange(800) + 1.0))
+    sides, mean, plain, y = np.full(4000, u[0]), np.empty(800), np.empty(800), u[0]
+    for i, x in enumerate(u):
+        asked = x + noise * rng.normal(size=4000)
+        sides = np.clip(sides, asked - width, asked + width)
+        mean[i], y = sides.mean(), min(max(y, x - width), x + width)
+        plain[i] = y
+    out = np.empty(800)
+    played(u, width, noise, out)
+    assert np.std(out - mean) < 0.15 * np.std(mean - u) < 0.05 * np.std(plain - u)
+    played(u, width, 0.0, out)
+    assert np.array_equal(out, plain)
+
+
+def test_a_gyro_that_is_whole_rows_late_is_put_back(clean):
+    """The innovations of a column four rows late are those of the column itself, but for the rows that are lost."""
+    columns, _ = fly(draw_spec(71001, None, "constant", 2.0, duration=30.0, rate=100.0))
+    late = columns | {"theta_dot": np.append(np.full(4, columns["theta_dot"][0]), columns["theta_dot"][:-4])}
+    m = Model(read(log_of_values("log.csv", late), load_nominal("constant")).track)
+    m.with_numbers(usual(m), [])
+    m.retime(0.041)
+    assert m.retimed == pytest.approx(0.04)
+    p = m.null.copy()
+    p[m.index("gyro_delay")] = m.retimed
+    m.levels[:] = clean.levels
+    clean.white(clean.null)
+    m.white(p)
+    assert m.E[:-4] == pytest.approx(clean.E[:-4], abs=1e-8)
+    m.retime(0.043)
+    assert m.retimed == pytest.approx(0.04)
