@@ -52,9 +52,9 @@ def found(*effects, nominal=NOMINAL, **options):
 @functools.cache
 def damped():
     """The diagnosis of a flight of 20 s with damping: three tests read it."""
-    short = short(20.0)
-    return diagnose(flown("aero_damping:coefficient=0.3", seed=3, nominal=short), short,
-                    holdout=flown("aero_damping:coefficient=0.3", seed=2, nominal=short))
+    nominal = short(20.0)
+    return diagnose(flown("aero_damping:coefficient=0.3", seed=3, nominal=nominal), nominal,
+                    holdout=flown("aero_damping:coefficient=0.3", seed=2, nominal=nominal))
 
 
 def named(result):
