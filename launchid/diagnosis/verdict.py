@@ -28,7 +28,8 @@ from .score import compare, covariance, left_out
 SERVO_DELAYS = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)  # s, delays of a servo that are tried
 SLOW_SERVOS = (0.6, 0.35, 0.2, 0.12)   # of its bandwidth, of a servo that are tried
 FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
-WEATHER_NATS = 20.0    # nats by which weather must be better than causes
+WEATHER_NATS = 20.0    # nats by which weather must be better than causes,
+CALMER = (0.3, 0.1, 0.03, 0.01)  # and than the moment that always wanders, so many times as large
 FIRST_SHAPES = 50.0    # squares that a shape must promise while everything is free; what promises less is sought later
 MOST_SHAPES = 3        # shapes that are taken into a model
 GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with a signal: something is missing
@@ -260,11 +261,17 @@ def likelihood(m: Model, e: np.ndarray) -> float:
 
 def weather(m: Model, fit: Fit) -> str:
     """The weather that explains more than everything else does, with the nominal's numbers within their tolerances; the
-    model is left in it.  "": none does."""
+    model is left in it.  "": none does.
+
+    A walk begins at no disturbance, so what it saves of the moment that is taken to wander always is no weather's.
+    """
     if not m.is_flown or m.is_windy or not np.any(m.a6 != 0.0):
         return ""
     levels, table = m.levels.copy(), (m.numbers, m.shapes)
     all_else = likelihood(m, m.white(fit.p))
+    for share in CALMER:
+        m.levels[WEATHER["wind_walk"]] = levels[WEATHER["wind_walk"]] + math.log(share)
+        all_else = max(all_else, likelihood(m, m.white(fit.p)))
     m.with_numbers(usual(m), [])
     band = frozenset(j for j, each in enumerate(m.numbers) if each.tol > 0.0)
     best = ("", all_else + WEATHER_NATS)

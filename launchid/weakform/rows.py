@@ -40,6 +40,7 @@ FAST_TIME = 1.0      # s: what theta does in a shorter time is its fast part
 FAST_THETA = "fast theta"
 STEADY_TIME = 0.25   # s to either side at most, over which theta_dot's integral tells what theta does
 ROUGH_ORDERS = (3, 8)  # of the differences of beta that tell its noise, which both show alike, from motion
+ROUGH_ROWS = 10_000  # to either side of the log's middle, of which its roughness is asked
 ROUGH_LAGS = 4       # rows, this one among them, by which beta may follow what else is logged
 NUDGE = 1.0e-6      # rad, rad/s: of a difference quotient
 TERM_FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
@@ -191,7 +192,8 @@ def nozzle_noise(rows: Rows, others: list[np.ndarray]) -> tuple[float, float]:
     """
     if rows.is_held:
         return 0.0, 0.0
-    low, high = (roughness(rows.beta, others, order) for order in ROUGH_ORDERS)
+    middle = slice(max(len(rows.t) // 2 - ROUGH_ROWS, 0), len(rows.t) // 2 + ROUGH_ROWS)
+    low, high = (roughness(rows.beta[middle], [x[middle] for x in others], order) for order in ROUGH_ORDERS)
     high = min(low, high)
     sure = max(2.0 * high - low, 0.0) if rows.period < 1.1 * BRIEF else 0.0
     return 0.5 * (high + sure), 0.5 * (high - sure)

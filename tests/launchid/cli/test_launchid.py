@@ -1,6 +1,5 @@
 """`import launchid`: the commands' answers, from paths, frames and arrays, as results to look at."""
 
-import dataclasses
 import json
 import math
 import os
@@ -11,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shortened import short
 
 import launchid
 import launchid_core
 from launchid.cli.main import main
 from launchid.log.log import read_log, write_columns
 from sim.effects import effect
-from sim.nominal import load_nominal, write_nominal
+from sim.nominal import write_nominal
 from sim.shown import with_std
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -27,10 +27,7 @@ ROOT = Path(__file__).resolve().parents[3]
 def folder(tmp_path_factory) -> Path:
     """A nominal of 20 s, and its log."""
     path = tmp_path_factory.mktemp("front")
-    nominal = load_nominal("constant")
-    assert nominal.simulation is not None
-    write_nominal(dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=20.0)),
-                  path / "n.toml")
+    write_nominal(short(20.0), path / "n.toml")
     launchid.simulate(path / "n.toml", seed=3).write(path / "log.csv")
     return path
 

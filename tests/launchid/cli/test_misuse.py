@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from every import every
+from shortened import short
 
 import launchid
 from launchid.cli.main import main
@@ -88,7 +89,7 @@ def test_a_wrong_parameter_is_one_line(what):
 def test_what_is_no_path_of_an_output_is_one_line(path, mention):
     with pytest.raises((launchid.InputError, launchid.UsageError), match=mention) as caught:
         launchid.read_log(COLUMNS)
-        launchid.simulate(_short()).write(path)
+        launchid.simulate(short(0.1)).write(path)
     assert one_line(caught.value)
 
 
@@ -105,13 +106,6 @@ def test_a_folder_that_cannot_be_one_is_refused_before_anything_is_computed(tmp_
     said = capsys.readouterr()
     assert said.out == "" and len(said.err.splitlines()) == 1 and "cannot be made a folder" in said.err
     assert (tmp_path / "place").read_text() == "a file"
-
-
-def _short() -> launchid.Nominal:
-    from dataclasses import replace
-    found = launchid.load_nominal(NOMINAL)
-    assert found.simulation is not None
-    return replace(found, simulation=replace(found.simulation, duration=0.1))
 
 
 def test_a_frame_that_holds_no_data_yet_is_to_be_collected():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shortened import short
 
 import launchid
 from launchid.cli.main import main
@@ -14,7 +15,6 @@ from launchid.log.log import Log, flown_log, read_log, write_flight
 from launchid.results import residuals as rs
 from sim.errors import InputError
 from sim.flight import fly_whole
-from sim.nominal import built_in, load_nominal
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figures")
 
@@ -91,8 +91,7 @@ def test_a_parameter_whose_term_the_library_lacks_has_no_panel(library, panels):
 
 @pytest.fixture(scope="module")
 def identification() -> Identification:
-    nominal = load_nominal(built_in("constant"))
-    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=40.0))
+    nominal = short(40.0)
     return identified(flown_log(fly_whole(nominal, 3)), nominal, window=5.0)
 
 
@@ -129,10 +128,7 @@ def test_predictions_are_the_equations_solution():
 
 
 def test_the_command_draws_them_and_refuses_in_one_line(identification, tmp_path, capsys):
-    nominal = replace(load_nominal(built_in("constant")))
-    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=6.0))
-    flight = fly_whole(nominal, 3)
-    write_flight(tmp_path / "v.csv", flight)
+    write_flight(tmp_path / "v.csv", fly_whole(short(6.0), 3))
     words = ["identify", str(tmp_path / "v.csv"), "--nominal", "constant", "--window", "2", "--resid"]
     assert not main([*words, str(tmp_path / "r.png")])
     assert (tmp_path / "r.png").read_bytes()[:4] == b"\x89PNG"
@@ -153,8 +149,7 @@ def test_the_command_draws_them_and_refuses_in_one_line(identification, tmp_path
 
 
 def test_the_ideal_suite_is_recognised_and_a_real_sensor_is_not(tmp_path):
-    nominal = load_nominal(built_in("vega_like"))
-    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=10.0))
+    nominal = short(10.0, "vega_like")
     write_flight(tmp_path / "i.csv", fly_whole(nominal, 1, "ideal"))
     log = read_log(tmp_path / "i.csv")
     said, = ideal_note(log)

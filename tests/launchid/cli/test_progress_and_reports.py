@@ -2,9 +2,9 @@
 
 import io
 import json
-from dataclasses import replace
 
 import pytest
+from shortened import short
 from test_diagnosis_report import Page
 
 import launchid
@@ -78,10 +78,7 @@ def words_of(path) -> str:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("flight") / "flight.csv"
-    nominal = load_nominal("constant")
-    assert nominal.simulation is not None
-    short = replace(nominal, simulation=replace(nominal.simulation, duration=15.0))
-    launchid.simulate(short, seed=4).write(path)
+    launchid.simulate(short(15.0), seed=4).write(path)
     return path
 
 

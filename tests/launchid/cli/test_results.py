@@ -1,6 +1,5 @@
 """Every result of `import launchid`: summary, plot, frame and a notebook's page, one test a result."""
 
-import dataclasses
 import functools
 from collections.abc import Callable
 from pathlib import Path
@@ -8,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from shortened import short
 
 import launchid
-from sim.nominal import load_nominal, write_nominal
+from sim.nominal import write_nominal
 from sim.shown import NOTEBOOK_ROWS, with_std
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figures")
@@ -23,10 +23,7 @@ PNG = b"\x89PNG"
 def folder(tmp_path_factory) -> Path:
     """A nominal of 12 s, and its log."""
     path = tmp_path_factory.mktemp("results")
-    nominal = load_nominal("constant")
-    assert nominal.simulation is not None
-    write_nominal(dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=12.0)),
-                  path / "n.toml")
+    write_nominal(short(12.0), path / "n.toml")
     launchid.simulate(path / "n.toml", seed=3).write(path / "log.csv")
     return path
 

@@ -1,6 +1,5 @@
 """Flights as users have them: six formats into the same log, units, attitudes, clocks, and files that are broken."""
 
-import dataclasses
 import math
 import re
 import sys
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from shortened import short
 from written import write_mcap, write_ulog
 
 import launchid
@@ -21,7 +21,6 @@ from launchid.convert.readers import foreign_format, read_channels
 from launchid.log.log import read_log, write_columns
 from sim.errors import InputError
 from sim.flight import fly_whole
-from sim.nominal import load_nominal
 
 ROOT = Path(__file__).resolve().parents[3]
 MARGIN = 0.05   # rad: deflection of one actuator output of 1
@@ -31,10 +30,7 @@ START = 1_700_000_000_000_000_000   # ns: digits that a float would lose
 @pytest.fixture(scope="module")
 def columns() -> dict[str, np.ndarray]:
     """A flight of 12 s, as logged."""
-    nominal = load_nominal("constant")
-    assert nominal.simulation is not None
-    simulation = dataclasses.replace(nominal.simulation, duration=12.0)
-    flight = fly_whole(dataclasses.replace(nominal, simulation=simulation), 3)
+    flight = fly_whole(short(12.0), 3)
     return {name: getattr(flight, name) for name in ("t", "theta", "theta_dot", "beta", "beta_cmd")}
 
 

@@ -13,6 +13,7 @@ import sys
 
 import numpy as np
 import pytest
+from shortened import short
 
 from launchid.cli.main import main
 from launchid.diagnosis import model
@@ -29,12 +30,7 @@ LONG = pytest.mark.campaign  # the same law once more: one of each stays in the 
 WHOLE = load_nominal("constant")
 
 
-def lasting(seconds):
-    """The nominal with flights of that many seconds: a diagnosis takes as long as its log."""
-    return dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=seconds))
-
-
-NOMINAL = lasting(30.0)  # a turn from 6 to 16 s, and the start of the next
+NOMINAL = short(30.0)  # a turn from 6 to 16 s, and the start of the next
 
 
 def log_of(flight, drop=()):
@@ -56,9 +52,9 @@ def found(*effects, nominal=NOMINAL, **options):
 @functools.cache
 def damped():
     """The diagnosis of a flight of 20 s with damping: three tests read it."""
-    short = lasting(20.0)
-    return diagnose(flown("aero_damping:coefficient=0.3", seed=3, nominal=short), short,
-                    holdout=flown("aero_damping:coefficient=0.3", seed=2, nominal=short))
+    nominal = short(20.0)
+    return diagnose(flown("aero_damping:coefficient=0.3", seed=3, nominal=nominal), nominal,
+                    holdout=flown("aero_damping:coefficient=0.3", seed=2, nominal=nominal))
 
 
 def named(result):
@@ -91,7 +87,7 @@ def test_what_this_log_cannot_tell_apart_is_answered_by_the_set():
 @pytest.mark.parametrize("drop", [
     ("theta_ref", "beta_cmd"), ("theta_dot", "beta", "beta_cmd"), pytest.param(("theta",), marks=LONG)])
 def test_missing_columns_remove_channels_and_never_fail(drop):
-    result = found(drop=drop, seed=3, nominal=lasting(20.0))
+    result = found(drop=drop, seed=3, nominal=short(20.0))
     assert result["verdict"] == "consistent", result["doubts"]
     assert set(result["noise"]) <= {"theta", "theta_dot", "beta", "command", "acceleration"} - set(drop)
 
@@ -119,7 +115,7 @@ def test_effects_that_the_nominal_has_are_no_cause(effects):
     pytest.param({"wind": Wind(walk=0.002, turbulence=0.005)}, marks=LONG),
     pytest.param({"offsets": Offsets(thrust_misalignment=0.004, gyro_bias=2e-3, nozzle_sensor_bias=2e-3)}, marks=LONG)])
 def test_drift_wind_and_offsets_that_the_nominal_declares_are_no_cause(sections):
-    believed = dataclasses.replace(lasting(20.0), **sections)
+    believed = dataclasses.replace(short(20.0), **sections)
     result = report(diagnose(log_of(fly_whole(believed, 5)), believed))
     assert result["verdict"] == "consistent", result["doubts"]
 
@@ -179,8 +175,8 @@ def test_clean_flights_of_the_nominal_are_counted_beside():
 
 def test_the_same_log_gives_the_same_bytes_on_any_number_of_threads(tmp_path):
     log, nominal = tmp_path / "log.csv", tmp_path / "nominal.toml"
-    write_flight(log, fly_whole(lasting(12.0), 2, effects=[from_text("gyro_bias:rate=0.003")]))
-    write_nominal(lasting(12.0), nominal)
+    write_flight(log, fly_whole(short(12.0), 2, effects=[from_text("gyro_bias:rate=0.003")]))
+    write_nominal(short(12.0), nominal)
     said = {subprocess.run([sys.executable, "-m", "launchid", "diagnose", str(log), str(nominal), "--json", "-"],
                            env=os.environ | {"OPENBLAS_NUM_THREADS": threads}, capture_output=True, check=True,
                            text=True).stdout for threads in ("1", "2")}
@@ -208,7 +204,7 @@ def test_what_the_brake_stops_has_no_answer_and_says_so_everywhere(monkeypatch, 
 def test_the_extension_flies_and_explains(tmp_path, capsys):
     """simulate --effect, diagnose, then diagnose with the extension: consistent."""
     log, path = tmp_path / "log.csv", tmp_path / "extension.toml"
-    write_flight(log, fly_whole(lasting(20.0), 3, effects=[from_text("aero_damping:coefficient=0.3")]))
+    write_flight(log, fly_whole(short(20.0), 3, effects=[from_text("aero_damping:coefficient=0.3")]))
     cause, = report(damped())["causes"]
     value = cause["parameters"]["coefficient"]
     assert (damped().verdict, cause["cause"], cause["where"]) == ("explained", "aero_damping", "plant")

@@ -6,7 +6,8 @@ import functools
 
 import numpy as np
 import pytest
-from test_diagnosis import WHOLE, log_of
+from shortened import short
+from test_diagnosis import log_of
 
 from launchid.diagnosis.answer import report
 from launchid.diagnosis.controller.command import _is_held
@@ -17,7 +18,7 @@ from launchid.log.detect import check
 from sim.effects import from_text
 from sim.flight import fly_whole
 
-NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=30.0))
+NOMINAL = short(30.0)
 
 
 @functools.cache

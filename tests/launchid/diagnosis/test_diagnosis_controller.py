@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from test_diagnosis import LONG, NOMINAL, flown, found, lasting, named
+from shortened import short
+from test_diagnosis import LONG, NOMINAL, flown, found, named
 
 from launchid.diagnosis.adapter import follow, read
 from launchid.diagnosis.controller.check import NO_MISMATCH, check_controller
@@ -22,7 +23,7 @@ from sim.sections import Multisine
 
 
 def test_the_controllers_mismatch_is_named_exactly():
-    result = found("controller_mismatch:kp_scale=0.9,kd_scale=1.2,delay=0.01", nominal=lasting(20.0))
+    result = found("controller_mismatch:kp_scale=0.9,kd_scale=1.2,delay=0.01", nominal=short(20.0))
     assert (result["verdict"], result["where"], named(result)) == ("explained", "controller", ["controller_mismatch"])
     values = [result["causes"][0]["parameters"][name]["value"] for name in ("kp_scale", "kd_scale", "delay")]
     assert values == pytest.approx((0.9, 1.2, 0.01), abs=1e-6)

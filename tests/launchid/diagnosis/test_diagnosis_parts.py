@@ -4,7 +4,8 @@ import dataclasses
 import functools
 
 import pytest
-from test_diagnosis import WHOLE, log_of
+from shortened import short
+from test_diagnosis import log_of
 
 from launchid.diagnosis.adapter import FEWEST_ROWS
 from launchid.diagnosis.answer import headline
@@ -16,7 +17,7 @@ from launchid.log.log import OPTIONAL, REQUIRED
 from sim.effects import from_text
 from sim.flight import fly_whole
 
-NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
+NOMINAL = short(40.0)
 TURNING = 9.37    # s: the programme turns from 6 to 16 s
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shortened import short
 
 import launchid
 from launchid import charts
@@ -28,7 +29,7 @@ from launchid.log.log import OPTIONAL, REQUIRED, Log
 from sim.effects import effect
 from sim.errors import InputError
 from sim.flight import fly_whole
-from sim.nominal import built_in, load_nominal
+from sim.nominal import load_nominal
 
 DURATION = 20.0        # s
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "headless_shell")
@@ -46,8 +47,7 @@ REMAINING = "a disturbance of unknown shape at the plant explains 19 nats more"
 
 def measured(effects=(), in_degrees=False, name="<flight & test>.csv"):
     """A short flight as a log; in_degrees: its theta_dot."""
-    nominal = load_nominal(built_in("constant"))
-    nominal = replace(nominal, simulation=replace(nominal.simulation, duration=DURATION))
+    nominal = short(DURATION)
     flight = fly_whole(nominal, 1, effects=effects)
     columns = ("t", "theta", "theta_dot", "beta", "beta_cmd", "theta_ref")
     arrays = {column: getattr(flight, column).copy() for column in columns}

@@ -1,12 +1,12 @@
 """launchid diagnose on logs slower than the controller that lack its reference, or its commands: what it commanded
 between the rows is not in the log, and nobody takes that for a fault of the vehicle."""
 
-import dataclasses
 import functools
 
 import numpy as np
 import pytest
-from test_diagnosis import WHOLE, log_of
+from shortened import short
+from test_diagnosis import log_of
 
 from launchid.diagnosis.adapter import follow
 from launchid.diagnosis.controller.command import record
@@ -16,7 +16,7 @@ from launchid.log.log import OPTIONAL
 from sim.effects import from_text
 from sim.flight import fly_whole
 
-NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
+NOMINAL = short(40.0)
 SLOW, SLOWER = 0.02, 0.04   # s, of a controller of 0.01 s
 
 

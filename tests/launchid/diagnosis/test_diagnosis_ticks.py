@@ -7,7 +7,8 @@ import functools
 
 import numpy as np
 import pytest
-from test_diagnosis import WHOLE, log_of
+from shortened import short
+from test_diagnosis import log_of
 
 from launchid.diagnosis.adapter import follow
 from launchid.diagnosis.controller.command import record
@@ -18,7 +19,7 @@ from launchid.log.log import OPTIONAL, REQUIRED
 from sim.effects import from_text
 from sim.flight import fly_whole
 
-NOMINAL = dataclasses.replace(WHOLE, simulation=dataclasses.replace(WHOLE.simulation, duration=40.0))
+NOMINAL = short(40.0)
 TICK = NOMINAL.controller.period
 FINE = 0.001             # s of the flights that logs are read from
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from shortened import short
 
 from launchid.diagnosis.adapter import track_of
 from launchid.diagnosis.candidates import usual
@@ -18,9 +19,7 @@ from sim.nominal import built_in, constant_profile, load_nominal
 
 def logged(period, duration=6.0, drop=()):
     """A flight of `constant` as a log of this period [s], and its nominal."""
-    nominal = load_nominal(built_in("constant"))
-    nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=duration),
-                                  sensors=dataclasses.replace(nominal.sensors, period=period))
+    nominal = short(duration, sensors={"period": period})
     flown = fly_whole(nominal, 3)
     columns = {name: getattr(flown, name, np.full(len(flown.t), np.nan)) for name in REQUIRED + OPTIONAL}
     columns = {name: np.full(len(flown.t), np.nan) if name in drop else x for name, x in columns.items()}

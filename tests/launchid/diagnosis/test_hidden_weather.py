@@ -9,9 +9,10 @@ from hidden import OTHER, QUIET, Spec, Weather, draw_spec, fly, hide
 from hidden.build import Build
 from hidden.weather import GRID, dryden, first_order
 
+import launchid
 from sim.effects import effect
 from sim.flight import fly_whole
-from sim.nominal import Forecast, Wind, load_nominal
+from sim.nominal import Forecast, Wind, constant_profile, load_nominal
 
 DRAWS = 1500
 COLUMNS = ("theta_ref", "beta_cmd", "beta", "theta", "theta_dot")
@@ -84,3 +85,18 @@ def test_a_first_order_servo_and_its_inertia_are_the_project_s(causes):
     for name in COLUMNS[1:]:
         scale = float(np.sqrt(np.mean(flown[name]**2)))
         assert np.sqrt(np.mean((flown[name] - getattr(theirs, name))**2)) < 1e-7 * scale, name
+
+
+def test_a_calm_flight_with_little_noise_has_no_weather():
+    """Its disturbance is far below what is taken to wander always: less of that is no wind (a walk of 0.7 mrad was)."""
+    of = load_nominal("constant")
+    of = dataclasses.replace(
+        of, vehicle=constant_profile(0.9, -11.6),
+        guidance=dataclasses.replace(of.guidance, t=(0.0, 5.0, 8.0, 20.0, 24.0, 40.0, 44.0, 60.0, 63.0, 90.0),
+                                     theta_ref=(
+                                         0.0, 0.0, -0.029, -0.044, 0.009, 0.053, 0.076, 0.097, 0.072, 0.051)),
+        sensors=dataclasses.replace(of.sensors, period=0.02, theta_std=1.4e-4, theta_dot_std=1.3e-4, beta_std=2.1e-4),
+        controller=dataclasses.replace(of.controller, period=0.02, kp=0.85, kd=0.41),
+        simulation=dataclasses.replace(of.simulation, duration=90.0))
+    made = launchid.diagnose(launchid.simulate(of, seed=0), of)
+    assert made.verdict == "consistent" and not made.report["causes"]

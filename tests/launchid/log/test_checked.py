@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shortened import short
 
 import launchid
 from launchid.cli.main import main
@@ -32,12 +33,6 @@ FAULTS = {
     "theta and rate reversed": ({"theta": -1.0, "theta_dot": -1.0, "theta_ref": -1.0}, {"sign"})}
 
 
-def short(name: str) -> Nominal:
-    nominal = load_nominal(name)
-    assert nominal.simulation is not None
-    return dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=DURATION))
-
-
 def flown(nominal: Nominal, seed: int, columns: str = "all", factors: dict[str, float] | None = None,
           effect: str = "") -> Log:
     log = flown_log(fly_whole(nominal, seed, effects=[from_text(effect)] if effect else []))
@@ -51,7 +46,7 @@ def kinds(log: Log, nominal: Nominal | None) -> set[str]:
 
 @pytest.fixture(scope="module")
 def nominals() -> dict[str, Nominal]:
-    return {name: short(name) for name in BUILT_IN}
+    return {name: short(DURATION, name) for name in BUILT_IN}
 
 
 @pytest.mark.parametrize("columns", COLUMNS)
@@ -202,7 +197,7 @@ UNSCALED = [("vega_like", effect, None) for effect in (
 
 @pytest.mark.parametrize(("name", "effect", "scale"), [*SCALED, *UNSCALED])
 def test_a_gyro_whose_scale_is_not_the_attitude_s_is_told(name, effect, scale):
-    log = flown_log(fly_whole(short(name), 3, effects=[from_text(effect)] if effect else []))
+    log = flown_log(fly_whole(short(DURATION, name), 3, effects=[from_text(effect)] if effect else []))
     said = [fault.message for fault in faults(log, None)]
     assert len(said) == (scale is not None)
     if scale is not None:

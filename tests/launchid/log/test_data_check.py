@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from shortened import short
 
 from launchid.log.detect import VALUES, DataCheck, check
 from launchid.log.log import Log, read_log
 from launchid.log.stamps import gaps, usable_rows
 from sim.effects import CATALOGUE, from_text
 from sim.flight import Flight, fly_whole
-from sim.nominal import BUILT_IN, Nominal, constant_profile, load_nominal
+from sim.nominal import BUILT_IN, Nominal, constant_profile
 from sim.sections import Sensors
 
 COLUMNS = ("t", *VALUES)
@@ -63,9 +64,7 @@ GROSS = (
 @lru_cache
 def nominal(name: str) -> Nominal:
     """The built-in nominal, its flight shortened."""
-    of = load_nominal(name)
-    assert of.simulation is not None
-    return dataclasses.replace(of, simulation=dataclasses.replace(of.simulation, duration=DURATION))
+    return short(DURATION, name)
 
 
 def log_of(flight: Flight) -> Log:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shortened import short
 
 import launchid
 from launchid.cli.main import main
@@ -30,10 +31,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 def nominal_of(folder: Path, duration: float = 0.5, **sections: object) -> Nominal:
     """`constant`, short, at half of its rate, as a file in this folder."""
-    nominal = load_nominal("constant")
-    assert nominal.simulation is not None
-    simulation = dataclasses.replace(nominal.simulation, duration=duration, step=0.002)
-    write_nominal(dataclasses.replace(nominal, simulation=simulation, **sections), folder / "n.toml")
+    write_nominal(short(duration, simulation={"step": 0.002}, **sections), folder / "n.toml")
     return load_nominal(folder / "n.toml")
 
 

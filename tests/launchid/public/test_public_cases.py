@@ -3,13 +3,13 @@
 `public_flights` flies those with a known truth; the measured ones lie in `public`, with their licences.
 """
 
-import dataclasses
 import json
 from pathlib import Path
 
 import numpy as np
 import public_flights as flights
 import pytest
+from shortened import short
 
 from launchid.cli.main import main
 from launchid.commands.identify import Identification, identify
@@ -58,10 +58,8 @@ VARYING = ("--window", "0.3", "--library", "lpv")
     paper("constant", 0.001, 70.0, *QUADRATIC, whole=True), paper("vega_like", 0.001, 95.0, *VARYING, whole=True)])
 def test_the_paper_s_clean_logs_through_the_command(tmp_path, capsys, nominal, period, seconds, options):
     """Each was refused, all windows MODEL; 1 %, or 2 % or 0.02 of a vehicle that varies; the exact support."""
-    log, simulation = str(tmp_path / "clean.csv"), load_nominal(nominal).simulation
-    assert simulation is not None
-    write_nominal(dataclasses.replace(load_nominal(nominal), simulation=dataclasses.replace(
-        simulation, duration=seconds)), tmp_path / "n.toml")
+    log = str(tmp_path / "clean.csv")
+    write_nominal(short(seconds, nominal), tmp_path / "n.toml")
     assert main(["simulate", str(tmp_path / "n.toml"), "--suite", "ideal", "--period", str(period), "--out", log]) == 0
     truth = load_nominal(nominal).vehicle
     for formulation in ("measured", "integral"):

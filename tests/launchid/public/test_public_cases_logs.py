@@ -9,6 +9,7 @@ import warnings
 import numpy as np
 import public_flights as flights
 import pytest
+import shortened
 
 from launchid.cli.main import main
 from launchid.commands.fit_lft import fit_lft
@@ -43,10 +44,7 @@ def times(columns: Columns, **factors: float) -> Columns:
 
 
 def short(name: str, seconds: float = 30.0, **sensors: float) -> Nominal:
-    nominal = load_nominal(name)
-    assert nominal.simulation is not None
-    return dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=seconds),
-                               sensors=dataclasses.replace(nominal.sensors, **sensors))
+    return shortened.short(seconds, name, sensors=sensors)
 
 
 # ---- units of t, out of theta_dot and the slope of theta

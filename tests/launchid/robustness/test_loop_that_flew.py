@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shortened import short
 
 import launchid
 from launchid.controller_replay import Replay, replay, rms
@@ -14,10 +15,9 @@ from launchid.robustness.margin_spread import MARGIN_NAMES, margin_table
 from launchid.robustness.servo_check import contradictions, followed
 from launchid.sources import read_log
 from sim.effects import effect
-from sim.nominal import Nominal, Section, load_nominal
+from sim.nominal import Nominal, Section
 
-CONSTANT = load_nominal("constant")
-CONSTANT = replace(CONSTANT, simulation=replace(CONSTANT.simulation, duration=30.0))
+CONSTANT = short(30.0)
 PD = CONSTANT.controller
 RATE = replace(CONSTANT, controller=replace(PD, law="rate", kp=0.5, ki=1.2, kd=0.0, derivative_time_constant=0.0))
 FILTERED = replace(CONSTANT, controller=replace(PD, filters=(Section((0.2, 0.0, 0.0), (1.0, -0.8, 0.0)),)))

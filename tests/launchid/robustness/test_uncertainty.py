@@ -11,6 +11,7 @@ import pytest
 from cut import scratch
 from hypothesis import given
 from hypothesis import strategies as hs
+from shortened import short
 from unjitted import unjitted
 
 from launchid.cli.main import main
@@ -21,7 +22,7 @@ from launchid_core.order.table import GAUGE
 from launchid_core.watch import uncertainty as un
 from launchid_core.watch.changes import MAX_EVENTS, N_COUNTS, N_EVENT
 from sim.flight import fly_whole
-from sim.nominal import Nominal, built_in, load_nominal
+from sim.nominal import Nominal, built_in
 
 SIGMA = 0.25
 NAN = math.nan
@@ -102,8 +103,7 @@ def test_the_alarm_clears_with_hysteresis():
 @pytest.fixture(scope="module")
 def constant() -> Nominal:
     """The paper's launcher, 20 s of it."""
-    nominal = load_nominal(built_in("constant"))
-    return dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=20.0))
+    return short(20.0)
 
 
 def feed(model: Model, flight) -> tuple[list[Estimate], Estimator]:
