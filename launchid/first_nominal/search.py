@@ -224,9 +224,10 @@ def servo_instead(now: Fitted, c: Channels) -> Fitted:
     delay = now.model.numbers["delay"]
     numbers = now.model.numbers | {"servo": FIRST_SERVO_FREQUENCY, "damping": SERVO_DAMPING, "q_b": 0.0,
                                    "delay": max(delay - 2.0 * SERVO_DAMPING / FIRST_SERVO_FREQUENCY, 0.0)}
-    servo = fit(replace(now.model, source=fl.BY_COMMAND, numbers=numbers, free=(*now.model.free, "servo")), c,
-                FIRST_STEPS)
-    ranges = servo.model.bounds | {"servo": (1.0 / float(c.t[-1]), FASTEST_UNSEEN / c.period)}
+    ranges = now.model.bounds | {"delay": (0.0, MOST_COMMAND_DELAY)}   # else a negative one stands for a faster servo
+    servo = fit(replace(now.model, source=fl.BY_COMMAND, numbers=numbers, free=(*now.model.free, "servo"),
+                        bounds=ranges), c, FIRST_STEPS)
+    ranges |= {"servo": (1.0 / float(c.t[-1]), FASTEST_UNSEEN / c.period)}
     lags = fit(replace(servo.model, free=(*servo.model.free, "damping"), bounds=ranges), c, FIRST_STEPS)
     return max((now, servo, lags), key=lambda each: each.bic)
 
