@@ -1,6 +1,6 @@
 """Hypothesis profiles, one cache of the independent generator's kernels for all processes, and two processes.
 
-Profiles: `dev` by default; `ci`, derandomised, where CI is set; `long` by hand.
+Profiles: `same` by default, the same examples each time; `other` and `long`, others, by hand (HYPOTHESIS_PROFILE).
 """
 
 import gc
@@ -19,10 +19,10 @@ from launchid.log.log import MEASURED_LOGS
 from launchid_core.cache import kept_apart
 
 _quiet = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]
-settings.register_profile("dev", max_examples=30, deadline=None, suppress_health_check=_quiet)
-settings.register_profile("ci", max_examples=30, deadline=None, derandomize=True, suppress_health_check=_quiet)
+settings.register_profile("other", max_examples=30, deadline=None, suppress_health_check=_quiet)
+settings.register_profile("same", max_examples=30, deadline=None, derandomize=True, suppress_health_check=_quiet)
 settings.register_profile("long", max_examples=2000, deadline=None, suppress_health_check=_quiet)
-settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "dev"))
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 Progress.LINE = math.inf  # s: no line of progress appears in a file because a machine is slow; processes get --quiet
 

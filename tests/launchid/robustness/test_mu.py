@@ -32,6 +32,8 @@ def gridded(lft: Lft, centre, radius) -> float:
         return bool(np.all(radii(lft, np.asarray(centre) + size * np.asarray(radius) * sides(points)) < 1.0))
 
     size = 0.02
+    while not stable(size, 41):   # hardly stable at the centre
+        size /= 2.0
     while stable(size, 41):
         size *= 1.04
     low, high = size / 1.04, size
@@ -98,6 +100,14 @@ def test_mu_of_any_loop_is_what_gridding_finds(a6, k1, sigma, kp, kd, w, zeta, d
     rho = float(radii(lft_at(nominal, 0.0), np.array(centre)))
     assume(rho < 1.0 - 1e-4 and abs(a6) > 1e-3)
     check(nominal, 0.0, centre, (width, 1.0))
+
+
+def test_a_loop_that_is_hardly_stable():
+    """One percent of the box is enough to lose it."""
+    nominal = load_nominal("constant")
+    check(replace(nominal, vehicle=constant_profile(-0.5, -11.8125), uncertainty=constant_profile(0.5, 0.3),
+                  actuator=replace(nominal.actuator, natural_frequency=53.5, damping_ratio=0.859375, delay=0.041015625),
+                  controller=replace(nominal.controller, kp=1.875, kd=0.9921875)), 0.0, (0.0, 0.03125), (1.0, 1.0))
 
 
 def test_static_boundary_is_exact():
