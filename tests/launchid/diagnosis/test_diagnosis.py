@@ -27,7 +27,6 @@ from sim.nominal import load_nominal, write_nominal
 from sim.sections import Drift, Offsets, Wind
 
 LONG = pytest.mark.campaign  # the same law once more: one of each stays in the default run
-WHOLE = load_nominal("constant")
 
 
 NOMINAL = short(30.0)  # a turn from 6 to 16 s, and the start of the next
