@@ -63,7 +63,8 @@ def moved(model: Model, step: np.ndarray) -> Model:
     numbers = dict(model.numbers)
     for name, change in zip(model.free, step[q:].tolist(), strict=True):
         if name == "delay":
-            numbers[name] = max(numbers[name] + change, model.bounds.get(name, (-BEYOND_ANY, BEYOND_ANY))[0])
+            low, high = model.bounds.get(name, (-BEYOND_ANY, BEYOND_ANY))
+            numbers[name] = min(max(numbers[name] + change, low), high)
         else:
             low, high = model.bounds.get(name, (TINY, BEYOND_ANY))
             numbers[name] = min(max(numbers[name] * math.exp(change), low), high)

@@ -23,8 +23,7 @@ COMMAND_SHARE = 0.5    # share of the nozzle's variance that a delayed command e
 FIRST_SERVO_FREQUENCY = 40.0  # rad/s, where a servo's frequency is first looked for
 SERVO_DAMPING = 0.7
 FASTEST = 5.0          # over the sample period: a servo beyond it is done within a row
-MOST_DAMPING = 5.0     # of a servo: beyond it it is a lag of first order
-FASTEST_UNSEEN = 1.0   # the same of one that no sensor shows, beside its damping ratio: two lags, of a row and more
+FASTEST_UNSEEN = 1.0   # the same where no sensor shows it and its damping ratio is free: two lags, of a row and more
 MOST_COMMAND_DELAY = 0.4  # s: the longest delay looked for
 EARLIEST = -0.05       # s: a nozzle that follows the motion is no input, and is seen
 NODE_COUNTS = (2, 3, 5, 9, 17)
@@ -76,7 +75,7 @@ def sizes(c: Channels, m: Rows) -> dict[str, float]:
 def bounds(c: Channels) -> dict[str, tuple[float, float]]:
     """The ranges of the free numbers: no log shows what is faster than a few rows, or slower than the log is long."""
     length = float(c.t[-1])
-    return {"servo": (1.0 / length, FASTEST / c.period), "damping": (0.05, MOST_DAMPING),
+    return {"servo": (1.0 / length, FASTEST / c.period), "damping": (0.05, 5.0),
             "turbulence_time": (2.0 * c.period, length)}
 
 
@@ -144,13 +143,8 @@ def search(c: Channels) -> Found:
     stands in each row: then its roughness moves the vehicle, by a delay or by a servo that no sensor shows.  Which of
     them is asked of the likelihood, of the plain model and once the terms are found.
     """
-    u = command(c)
-    idle = float(np.nanmax(u)) == float(np.nanmin(u))
-    found = begin(c, fl.BY_INPUT if idle else source_of(c), STAND_TERMS if large(c) else (PLAIN_TERMS,))
-    found = driven_instead(found)
-    found = replace(found, fitted=fit(grown(found.fitted, found.channels).model, found.channels))
-    if not idle:
-        found = driven_instead(found)
+    found = driven_instead(begin(c))
+    found = driven_instead(replace(found, fitted=fit(grown(found.fitted, found.channels).model, found.channels)))
     c, now = found.channels, found.fitted
     gravity = "sin(theta)" if now.model.sine else "theta"
     terms = (gravity, "beta", *(term for name, term in TERMS.items() if getattr(now.model, name)))
@@ -172,13 +166,14 @@ def driven_instead(found: Found) -> Found:
         found, channels=c, fitted=now)
 
 
-def begin(c: Channels, source: int, menu: tuple[tuple[str, ...], ...]) -> Found:
-    """The plain model of a log with this source of the nozzle angle, and terms of the menu."""
+def begin(c: Channels) -> Found:
+    """The plain model of a log."""
     u = command(c)
     idle = float(np.nanmax(u)) == float(np.nanmin(u))
+    source = fl.BY_INPUT if idle else source_of(c)
     m = weak.motion(c, source != fl.BY_INPUT)
     best = None
-    for terms in menu:
+    for terms in STAND_TERMS if large(c) else (PLAIN_TERMS,):
         delay = 0.0 if source == fl.BY_COMMAND or idle else best_delay(c, m, terms)
         model = start(c, source, m, terms, delay)
         if idle:

@@ -162,7 +162,8 @@ def commented(lines: list[str], numbers: First, source: str) -> Iterator[str]:
     """The lines of a nominal file with what is known of each number behind it."""
     yield f"# The first nominal out of {source} alone: one standard deviation behind each number. SI units."
     if numbers.delay is not None and numbers.delay_of == "beta":
-        yield f"# The motion lags beta by {with_std(*numbers.delay)} s."
+        behind = "" if numbers.servo is None else f", behind a servo of {with_std(*numbers.servo[0])} rad/s"
+        yield f"# The motion lags beta by {with_std(*numbers.delay)} s{behind}."
     for name in ("moment", "gyro_bias"):
         if name in numbers.offsets and not told(numbers, name):
             yield f"# {name}: {with_std(*numbers.offsets[name])} {UNIT_OF[name]}, not significantly different from 0."

@@ -7,6 +7,7 @@ import itertools
 import math
 import resource
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -162,17 +163,22 @@ def stamped(stamps: list[float]) -> bytes:
 
 
 FIRST: dict[str, bytes] = {
-    "equal": stamped([7.0] * 64), "NaN": stamped([math.nan] * 200),
-    "1e300": stamped([1e300 * (-1) ** k for k in range(64)]),
+    "equal": stamped([7.0] * 64), "zero": stamped([0.0] * 640), "NaN": stamped([math.nan] * 200),
+    "infinite": stamped([math.inf] * 70), "1e300": stamped([1e300 * (-1) ** k for k in range(64)]),
+    "the largest number and its opposite": stamped([sys.float_info.max * (-1) ** k for k in range(200)]),
     "backward": stamped([100.0 - k for k in range(64)]), "a microsecond apart": stamped([k * 1e-6 for k in range(64)]),
-    "a second apart": stamped([1e5 + k for k in range(64)]),
+    "a nanosecond apart": stamped([k * 1e-9 for k in range(200)]),
+    "the least apart": stamped([k * 5e-324 for k in range(64)]),
+    "a second apart": stamped([1e5 + k for k in range(64)]), "a year apart": stamped([k * 3e7 for k in range(640)]),
     "at half of the rate": stamped([-50.0 + 0.02 * k for k in range(64)]),
+    "at ten times the rate": stamped([-50.0 + 0.001 * k for k in range(128)]),
     "anywhere": stamped(np.random.default_rng(1).uniform(-1e9, 1e9, 200).tolist()),
     "of every kind": stamped([t for k in range(40) for t in (math.nan, 1e300, 5.0, 5.0, -1e18, 0.001 * k)]),
-    "no theta": b"0.01,,,,\n0.02,,,,\n" * 100, "one alone": stamped([3.0]),
+    "no theta": b"0.01,,,,\n0.02,,,,\n" * 100, "one alone": stamped([3.0]), "63": stamped([0.5 * k for k in range(63)]),
+    "under another header": b"theta,beta,t\n0,0,0\n" + HEADER,
     "under a header of more": b"t,theta,beta,gamma\n0,0,0,0\n" + HEADER,
     "under twenty headers": b"".join(b"t,theta,beta,x%d\n0,0,0,0\n" % k for k in range(20)) + HEADER,
-    "no row": b"\xff\0\n" * 100,
+    "of a header of nothing": b"t\n0\n" * 10 + HEADER, "no row": b"\xff\0\n" * 100,
 }
 
 
