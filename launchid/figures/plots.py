@@ -190,6 +190,8 @@ def tuning_figure(results: list[Result]) -> Figure:
         axis.plot(list(values), [100 * v[index] for v in values.values()], style[0], color=style[1],
                   label=f"compression {compression}")
         axis.set_xscale("log")
+        axis.set_xticks(list(values), [f"{window:g}" for window in values])
+        axis.set_xticks([], minor=True)
         axis.set_xlabel("window [s]")
         axis.legend(fontsize=8)
     axes[1].set_ylabel("windows with a6 within 1 % [%]")
