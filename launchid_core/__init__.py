@@ -5,6 +5,7 @@ file, simulator or print.  numpy and numba only; what needs numba is imported wh
 its name is first asked for.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .choices import FORMULATIONS, NOISE_LEVELS, SLOWEST, SOLVERS
@@ -33,14 +34,16 @@ __all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "MAX_ROWS", "NOISE_LEV
            "parse_term", "polynomial", "port_of", "precompile", "term_name"]
 
 
+# where the names above are, the least to import first: a simulator needs no estimator
+_HOMES = ("cache", "kernels", "algebra.library", "config", "model", "estimate", "watch.uncertainty", "port",
+          "order.entries", "estimator")
+
+
 def __getattr__(name: str) -> Any:
-    """The names above that are not there yet: all of the package is imported."""
+    """One of the names above: the module that has it is imported when it is first asked for."""
     if name in __all__:
-        from . import cache, config, estimate, estimator, kernels, model, port
-        from .algebra import library
-        from .order import entries
-        from .watch import uncertainty
-        for module in (cache, config, entries, estimate, estimator, kernels, library, model, port, uncertainty):
+        for home in _HOMES:
+            module = import_module(f".{home}", __name__)
             if hasattr(module, name):
                 globals()[name] = getattr(module, name)
                 return globals()[name]

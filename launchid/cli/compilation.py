@@ -1,6 +1,7 @@
 """What a command does while it compiles: says so, counts, and lets a second process help where a core is idle."""
 
 import atexit
+import dataclasses
 import mmap
 import os
 import signal
@@ -73,13 +74,19 @@ def hush() -> None:
             listener.is_quiet = True
 
 
-def compile_formulation(formulation: str, backwards: bool = False, **choices: Any) -> bool:
-    """Compile what an estimator of the formulation needs, if it can be kept on disk; return whether it can."""
+def compile_formulation(formulation: str, backwards: bool = False, is_whole: bool = False, **choices: Any) -> bool:
+    """Compile what an estimator of the formulation needs, if it can be kept on disk; return whether it can.
+
+    is_whole: of a filtered one, what more terms, a servo that is not known and a range need, too.
+    """
     from launchid_core import Config, precompile
     from sim.nominal import load_nominal
 
     from ..onboard import onboard_model
     model = onboard_model(load_nominal("constant")) if formulation == "filtered" else None
+    if model and is_whole:
+        model = dataclasses.replace(model, delay_sigma=1e-3, sigma_t=(0.0,), sigma_a6=(0.3,), sigma_k1=(0.3,))
+        choices["library"] = ("theta", "theta_dot", "beta")
     return precompile(Config(formulation=formulation, model=model, **choices), backwards)
 
 

@@ -22,7 +22,8 @@ PARTS = (    # the longest first; each loads what another has compiled
     "filtered", "filtered backwards", "regressions", "diagnose LOG vega_like",
     "plan constant --accuracy 0.1 --window 5 --out OUT", "uncertainty LOG vega_like", "nominal LOG --out OUT",
     "simulate vega_like --effect gust:angle=0.01,time=2,duration=1 --out OUT", "margins LOG vega_like",
-    "campaign vega_like --flights 2 --workers 1 --out OUT")
+    "campaign vega_like --flights 2 --workers 1 --out OUT",
+    "simulate vega_like --effect missing_term:term=theta^2,coefficient=1 --out OUT")
 
 
 def add(commands: Any) -> None:
@@ -87,7 +88,7 @@ def compile_part(part: str, folder: str, compiled: Any) -> None:
     compile_listeners[:] = [count]
     end_with_parent()
     if part.startswith("filtered"):
-        os._exit(0 if compile_formulation("filtered", part.endswith("backwards")) else UNKEPT)
+        os._exit(0 if compile_formulation("filtered", part.endswith("backwards"), is_whole=True) else UNKEPT)
     if part == "regressions":
         for formulation in FORMULATIONS:
             for solver in SOLVERS if formulation != "filtered" else ():
