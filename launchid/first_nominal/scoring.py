@@ -21,7 +21,7 @@ LOG_STEP = 1.0         # of a logarithm
 DELAY_MOST = 2.0       # sample periods that the delay moves in one step
 DONE = 0.02            # nats that the next step would gain
 TRIALS = 5             # of a step, shorter and shorter
-MOST_STEPS = 25
+MOST_STEPS = 25        # a fit that has not ended by then is compared as it is
 SCORE_BLOCK = 0.5      # s: of the scores that are summed before their correlation is asked for
 TINY, BEYOND_ANY = 1e-30, 1e30  # of a number that is sought
 
@@ -112,7 +112,7 @@ def solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np.
     return np.linalg.lstsq(m, gradient / scale, rcond=1e-12)[0] / scale
 
 
-def fit(model: Model, c: Channels, steps: int = MOST_STEPS, free: tuple[str, ...] | None = None) -> Fitted:
+def fit(model: Model, c: Channels, free: tuple[str, ...] | None = None) -> Fitted:
     """The model's maximum of the likelihood from where it is.
 
     free   the numbers that are sought beside the coefficients; None: the model's.  All of them are the model's again.
@@ -124,7 +124,7 @@ def fit(model: Model, c: Channels, steps: int = MOST_STEPS, free: tuple[str, ...
     limit = np.array([DELAY_MOST * c.period if name == "delay" else LOG_STEP for name in model.free])
     base, damping = run(model, c), 1e-8
     score, information = scores(model, c, base)
-    for _ in range(steps):
+    for _ in range(MOST_STEPS):
         gradient = score.sum(axis=0)
         gradient[held] = 0.0
         step = solved(information, gradient, damping)

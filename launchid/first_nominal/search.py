@@ -30,8 +30,6 @@ NODE_COUNTS = (2, 3, 5, 9, 17)
 NEAREST = 4.0          # s between nodes
 MARGIN = 5.0           # nats, beside the penalty, that a further term must bring
 WIND_MARGIN = -7.0     # the same of wind: calm believed in wind is 4 std wrong, wind in calm only wide
-TRIED = 8              # steps of scoring, where models are compared
-FIRST_STEPS = 12       # the same of the plain model, from the weak form's numbers
 # rad/s^2/sqrt(s), rad/s^2, s: wind, at first
 FIRST_LEVELS = {"walk": 0.003, "turbulence": 0.005, "turbulence_time": 1.0}
 MIN_WIND_SHARE = 0.02  # of the largest |a6|, by which wind acts at least
@@ -161,7 +159,7 @@ def driven_instead(found: Found) -> Found:
     c = replace(c, beta_cmd=c.beta, beta=np.full(len(c.t), math.nan))
     left = {name: value for name, value in model.numbers.items() if name not in NOZZLE_NUMBERS}
     driven = replace(model, source=fl.BY_INPUT, numbers=left, free=tuple(name for name in model.free if name in left))
-    now = servo_instead(fit(driven, c, FIRST_STEPS), c)
+    now = servo_instead(fit(driven, c), c)
     return found if now.bic + nozzle_alone(found) <= found.fitted.bic + MARGIN else replace(
         found, channels=c, fitted=now)
 
@@ -179,7 +177,7 @@ def begin(c: Channels) -> Found:
         if idle:
             model = replace(model, no_input=True, free=tuple(name for name in model.free if name != "delay"),
                             linear=np.where(np.arange(len(model.linear)) == 1, 0.0, model.linear))
-        now = fit(model, c, FIRST_STEPS)
+        now = fit(model, c)
         if best is None or now.bic > best.fitted.bic + (-MARGIN if now.model.sine and not best.fitted.model.sine
                                                         else MARGIN):
             best = Found(c, now, None, m, terms, delay, 0.0)   # at large angles it is sin(theta), unless it is not
@@ -193,7 +191,7 @@ def nozzle_alone(found: Found) -> float:
     c, model = found.channels, found.fitted.model
     unseen = np.full(len(c.t), math.nan)
     alone = fit(replace(model, linear=np.zeros(len(model.linear)), free=NOZZLE_NUMBERS),
-                replace(c, theta=unseen, theta_dot=unseen), FIRST_STEPS)
+                replace(c, theta=unseen, theta_dot=unseen))
     return penalised(alone.ln_l, replace(alone.model, linear=np.zeros(0)), alone.final)
 
 
@@ -221,9 +219,9 @@ def servo_instead(now: Fitted, c: Channels) -> Fitted:
                                    "delay": max(delay - 2.0 * SERVO_DAMPING / FIRST_SERVO_FREQUENCY, 0.0)}
     ranges = now.model.bounds | {"delay": (0.0, MOST_COMMAND_DELAY)}   # else a negative one stands for a faster servo
     servo = fit(replace(now.model, source=fl.BY_COMMAND, numbers=numbers, free=(*now.model.free, "servo"),
-                        bounds=ranges), c, FIRST_STEPS)
+                        bounds=ranges), c)
     ranges |= {"servo": (1.0 / float(c.t[-1]), FASTEST_UNSEEN / c.period)}
-    lags = fit(replace(servo.model, free=(*servo.model.free, "damping"), bounds=ranges), c, FIRST_STEPS)
+    lags = fit(replace(servo.model, free=(*servo.model.free, "damping"), bounds=ranges), c)
     return max((now, servo, lags), key=lambda each: each.bic)
 
 
@@ -233,11 +231,11 @@ def grown(now: Fitted, c: Channels) -> Fitted:
     calm = now
     for _ in range(ADDED_PARTS):
         asked = windy(now.model, c) if now is calm or now.model.walk else ()
-        better = [each for each in (fit(model, c, TRIED, still(model)) for model in asked)
+        better = [each for each in (fit(model, c, free=still(model)) for model in asked)
                   if each.bic > now.bic + (MARGIN if now.model.walk else WIND_MARGIN)]
         hoped = max(((hope(model, c), k, model) for k, model in enumerate(candidates(now.model, c))), default=None)
         if hoped is not None and hoped[0] > now.bic + MARGIN:
-            better.append(fit(hoped[2], c, TRIED, still(hoped[2])))
+            better.append(fit(hoped[2], c, free=still(hoped[2])))
         best = max(better, key=lambda each: each.bic, default=now)
         if best.bic <= now.bic + MARGIN:
             if now is calm or now.model.walk:
@@ -246,7 +244,7 @@ def grown(now: Fitted, c: Channels) -> Fitted:
             continue
         now = best
     for model in thinner(now.model):
-        without = fit(model, c, TRIED, still(model))
+        without = fit(model, c, free=still(model))
         if without.bic + (WIND_MARGIN if now.model.walk and not model.walk else 0.0) > now.bic:
             now = without
     return now
@@ -313,4 +311,4 @@ def between(now: Fitted, c: Channels) -> Fitted | None:
     if len(nodes) == 1:
         return None
     finer = np.linspace(nodes[0], nodes[-1], 2 * len(nodes) - 1)
-    return fit(now.model.with_nodes(finer, finer), c, TRIED, ())
+    return fit(now.model.with_nodes(finer, finer), c, free=())
