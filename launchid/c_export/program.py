@@ -204,9 +204,10 @@ class _Program:
         """The text of launchid.c."""
         block = (f"const {self.unit.struct(self.block)} block = "
                  f"{{&FIXED, &state->{STATE}, &work->{WORK}}};")
+        report = {"report": self.report, "block": block}
         own = "\n".join([
-            template("report.c", {"report": self.report, "block": block}) if self.port.report
-            else template("no_report.c", {}),
+            template("report.c" if self.report else "no_report.c", report),
+            template("level.c" if self.port.memory.size.ranged else "no_level.c", report),
             template("estimator.c", {"initial": "".join(self._initial()), "update": self.update, "block": block,
                                       "seal": self.seal}),
             template("save.c", self._saved())])

@@ -86,7 +86,7 @@ def test_a_wrong_bit_is_a_difference(tmp_path):
 
 # ---- what the vectors reach
 
-LINES, BRANCHES, CONDITIONS = 0.98, 0.97, 0.90     # shares of launchid.c
+LINES, BRANCHES, CONDITIONS = 0.98, 0.98, 0.90     # shares of launchid.c
 SUMMARY = re.compile(r"File 'launchid.c'\nLines executed:([\d.]+)% of \d+\n.*\nTaken at least once:([\d.]+)% of \d+")
 NOT_TAKEN = re.compile(r"branch +\d+ (never executed|taken 0\b)")
 LLVM = "-19"           # the first clang that shows what is not covered of a condition in C
