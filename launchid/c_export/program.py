@@ -204,7 +204,7 @@ class _Program:
         """The text of launchid.c."""
         block = (f"const {self.unit.struct(self.block)} block = "
                  f"{{&FIXED, &state->{STATE}, &work->{WORK}}};")
-        report = {"report": self.report, "block": block}
+        report: dict[str, object] = {"report": self.report, "block": block}
         own = "\n".join([
             template("report.c" if self.report else "no_report.c", report),
             template("level.c" if self.port.memory.size.ranged else "no_level.c", report),
