@@ -28,7 +28,7 @@ from ported import (
 )
 
 from launchid.c_export.kinds import FLOAT, INTEGER, TRUTH, Array, Untranslatable, join, literal
-from launchid.c_export.unit import Unit
+from launchid.c_export.program import Unit
 from launchid.cli.main import main
 from launchid.identification.windows import onboard_model
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 from ported import CC, CONFIGS, SHARED, STRICT, needs_compiler
 
-from launchid.c_export.kit import exported
+from launchid.c_export.kit import OUTPUTS, exported
 from launchid.c_export.vectors import flown
-from launchid.c_export.wrappers import OUTPUTS
 from launchid_core import Estimator
 from sim.nominal import load_nominal
 
