@@ -48,10 +48,8 @@ def typed(c: str, name: str) -> str:
     return f"{c}{name}" if c.endswith("*") else f"{c} {name}"
 
 
-def comment_of(about: str | None) -> str:
+def comment_of(about: str) -> str:
     """A docstring as a comment."""
-    if not about:
-        return ""
     lines = about.replace("//", "/ /").replace("/*", "/ *").replace("*/", "* /").split("\n")
     return "\n   ".join([f"/* {lines[0]}", *lines[1:]]).replace("\n   \n", "\n\n") + " */\n"
 
@@ -132,8 +130,7 @@ def first_assignments(function: ast.FunctionDef) -> dict[int, set[str]]:
     found: dict[int, set[str]] = {}
     for variable, (block, node) in first.items():
         reads = {name.id for name in _own_names(node) if isinstance(name.ctx, ast.Load)}
-        if isinstance(node, ast.Assign) and len(node.targets) == 1 and block == home[variable] \
-                and variable not in reads:
+        if isinstance(node, ast.Assign) and block == home[variable] and variable not in reads:
             found.setdefault(id(node), set()).add(variable)
     return found
 
@@ -168,6 +165,9 @@ class Kernel:
                 self.kinds = Inference(self.unit, self.tree, self.around, self.arguments, self.given)
                 self._drop_unread()
                 self.tree.body = self._alive(self.tree.body)
+                if len(self.tree.body) > 1 and isinstance(self.tree.body[-1], ast.Return) \
+                        and self.tree.body[-1].value is None:
+                    self.tree.body.pop()
                 changed(self.tree)
             self.local_arrays = self._local_arrays()
             self.first = first_assignments(self.tree)
@@ -262,7 +262,8 @@ class Kernel:
                for name, kind in given.items() if name in stored]
         body = "\n".join([*own, *self.lines])
         head = f"static {typed(self.unit.c(result), self.name)}({arguments})"
-        return f"{comment_of(ast.get_docstring(self.tree))}{head}\n{{\n{body}\n}}\n"
+        about = f"{ast.get_docstring(self.tree) or ''} [{self.module.removeprefix('launchid_core.')}]".lstrip()
+        return f"{comment_of(about)}{head}\n{{\n{body}\n}}\n"
 
     # ---- variables
 

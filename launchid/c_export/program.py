@@ -4,6 +4,7 @@
 """
 
 import ast
+import hashlib
 import inspect
 import math
 import re
@@ -18,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from launchid_core import EDGES, Config, EstimateStatus, Port, Status, port_of
+from launchid_core import EDGES, Config, EstimateStatus, Port, Status, __version__, port_of
 
 from .expressions import EXACT_FUNCTIONS
 from .folding import Fact, differ, shared
@@ -194,7 +195,8 @@ class _Program:
     def sizes(self) -> dict[str, object]:
         """The configuration in words, and its sizes."""
         config = self.config
-        return {"formulation": config.formulation, "library": ", ".join(config.terms),
+        return {"version": __version__, "digest": hashlib.sha256(self.port.preface).hexdigest()[:16],
+                "formulation": config.formulation, "library": ", ".join(config.terms),
                 "window": literal(config.window), "period": literal(config.sample_period),
                 "state_bytes": self._bytes(STATE) + 8,  # `busy`
                 "work_bytes": self._bytes(WORK), "fixed_bytes": self._bytes(FIXED),
