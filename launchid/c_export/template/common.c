@@ -18,7 +18,7 @@
 #if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
 #error "expected plain double precision: no wider intermediate results (-mfpmath=sse on x87 machines)"
 #endif
-#if (FLT_RADIX != 2) || (DBL_MANT_DIG != 53) || (DBL_MAX_EXP != 1024)
+#if defined(DBL_MANT_DIG) && (DBL_MANT_DIG != 53)
 #error "expected doubles of 64 bits (IEEE 754)"
 #endif
 #if defined(__clang__)
