@@ -131,7 +131,7 @@ def main() -> int:
     args = arguments(__doc__, flights=200, hours=30.0, seed=100000, air=("calm", "wind", "gust"))
     print(f"30 % of k1 lost; 100 Hz, seeds from {args.seed}, threshold {THRESHOLD} nats, air {args.air}")
     table = Table("nominal 16", "found 6.3f", "in time 7.3f", "of 4d", "delay [s] 6.2f", "floor [s] 6.2f",
-                  "size error 6.1%", "covers 6.3f", "of 4d", "lost 4d", "alarms before 4d")
+                  "size error 6.1%", "covers 6.3f", "of 4d", "lost 4.0f", "alarms before 4.0f")
     for name in args.nominal:
         losses(table, name, run_jobs(loss_job, [(name, seed, args.air) for seed in args.seeds]), args.air)
     print("\nclean flights")

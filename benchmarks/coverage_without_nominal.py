@@ -5,7 +5,7 @@
 Flights of the built-in nominal `constant` (60 s, its other noises as they are) with 3 gyros and 3 levels of unmodelled
 moments, in windows of 2, 5 and 10 s. Per line: the share of windows that are OK, the share of their intervals (+- 1.96
 standard deviations) of a6 and k1 that hold the truth, the rms of the errors over the standard deviations, the median
-standard deviation over the value.
+standard deviation over the truth.
 """
 
 import dataclasses

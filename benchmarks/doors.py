@@ -1,20 +1,21 @@
 """Processor and wall time of each first command from a cold kernel cache, beside another checkout in the same minutes.
 
-    python benchmarks/doors.py --beside ../older [--runs 3] [simulate effects estimator identify diagnose]
+    python benchmarks/doors.py --beside ../older [--runs 3] [--door simulate|effects|estimator|identify|diagnose]
 
 Each run of a door starts with an empty cache; the two checkouts take turns, and the medians are compared.
 """
 
-import argparse
 import os
 import resource
 import shutil
-import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+
+import numpy as np
+from flights import Table, arguments
 
 HERE = Path(__file__).resolve().parents[1]
 FAULT = "slosh:coupling=0.1,frequency=3"
@@ -48,30 +49,23 @@ def spent(tree: Path, words: str, cache: Path, log: Path) -> tuple[float, float]
 
 def main() -> None:
     """Time the doors."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("doors", nargs="*", metavar="DOOR", help=f"{', '.join(DOORS)} (default: all)")
-    parser.add_argument("--beside", type=Path, help="the other checkout")
-    parser.add_argument("--runs", type=int, default=3)
-    arguments = parser.parse_args()
-    doors = arguments.doors or DOORS
-    trees = [HERE] + ([arguments.beside.resolve()] if arguments.beside else [])
+    args = arguments(__doc__, beside="", runs=3, door=list(DOORS))
+    other = Path(args.beside or HERE).resolve()
+    table = Table("first 10", "processor [s] 6.1f", "wall [s] 6.1f", "over the other: processor 5.2f", "wall 5.2f")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         log = folder / "flight.csv"
         (folder / "first").mkdir()
         spent(HERE, f"simulate constant --seed 1 --out {log}", folder / "first", log)
-        for door in doors:
-            times: dict[Path, list[tuple[float, float]]] = {tree: [] for tree in trees}
-            for run in range(arguments.runs):
-                for tree in trees if run % 2 == 0 else trees[::-1]:
+        for door in args.door:
+            times: dict[Path, list[tuple[float, float]]] = {HERE: [], other: []}
+            for run in range(args.runs):
+                for tree in list(times)[::1 if run % 2 == 0 else -1]:
                     cache = Path(tempfile.mkdtemp(dir=folder))
                     times[tree].append(spent(tree, DOORS[door], cache, log))
                     shutil.rmtree(cache)
-            median = {tree: [statistics.median(column) for column in zip(*times[tree], strict=True)] for tree in trees}
-            ours, other = median[HERE], median[trees[-1]]
-            ratio = (f"   ratio {ours[0] / other[0]:.2f} processor, {ours[1] / other[1]:.2f} wall" if len(trees) > 1
-                     else "")
-            print(f"{door:10} {ours[0]:6.1f} s processor, {ours[1]:6.1f} s wall{ratio}", flush=True)
+            ours, others = (np.median(times[tree], axis=0) for tree in (HERE, other))
+            table.row(door, *ours, *ours / others)
 
 
 if __name__ == "__main__":

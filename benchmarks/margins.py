@@ -128,8 +128,8 @@ def coverage(args: argparse.Namespace) -> None:
                 servo, ratio = (np.sqrt((of[key]**2).mean(axis=0)) for key in ("servo", "ratio"))
                 cost, missed = np.median(of["cost"], axis=0), "MISSED" if (ratio > RATIO_MOST).any() else ""
                 print(f"  servo within {INTERVAL} std: {inside.round(2)}, rms error over std {servo.round(2)}\n"
-                      f"  a6, k1: rms error over the bound of the complete problem {ratio.round(2)} {missed}; bound over "
-                      f"a known servo's, median {cost.round(3)}", flush=True)
+                      f"  a6, k1: rms error over the bound of the complete problem {ratio.round(2)} {missed}; bound "
+                      f"over a known servo's, median {cost.round(3)}", flush=True)
 
 
 LITTLE = 20.0         # degrees of phase margin
