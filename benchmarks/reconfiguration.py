@@ -20,7 +20,7 @@ import numpy as np
 from flights import WIND, Table, arguments, in_air, nominal, run_jobs
 
 from launchid.monte_carlo.campaign import draw_jobs
-from launchid.robustness.montecarlo import SCENARIOS, compare_gains_of, factors
+from launchid.robustness.montecarlo import SCENARIOS, compare_gains, factors
 from launchid.robustness.reconfigure import fly_knowing
 
 MOST_ERROR = 1.02  # of legacy's median, in the box
@@ -36,7 +36,7 @@ def job(name: str, scenario: str, seed: int, air: str) -> tuple[float, float, fl
     if air == "wind":
         believed = dataclasses.replace(in_air(believed, "wind"), wind=dataclasses.replace(WIND, turbulence=SEVERE))
         knowing = float(fly_knowing(believed, seed, *factors(believed, drawn)).lost)
-    made = compare_gains_of(believed, drawn)
+    made = compare_gains(drawn, believed)
     return made["legacy_lost"], made["reconfigured_lost"], knowing, made["legacy_error"], made["reconfigured_error"]
 
 

@@ -26,8 +26,7 @@ import numpy as np
 from flights import INTERVAL, OFFSETS, WIND, Table, arguments, estimates_of, nominal, relative, run_jobs
 
 from launchid.bound.flights import acting_command, noise_variances, servo_of
-from launchid.bound.information import window_information
-from launchid.bound.matrices import without_offset
+from launchid.bound.information import window_information, without_offset
 from launchid.bound.world import world_of
 from sim.flight import Flight, fly_whole, parameters
 from sim.nominal import Nominal

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from launchid.comparison.statistics import NO_STATISTICS, statistics
+from launchid.comparison.prediction import NO_STATISTICS, statistics
 
 Z = np.array([0.0, 1.0, 2.0, 3.0])
 

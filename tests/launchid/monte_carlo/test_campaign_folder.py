@@ -15,7 +15,7 @@ from test_requirement_folder import files, nominal_of
 
 from launchid.cli.main import main
 from launchid.commands.campaign import campaign
-from launchid.monte_carlo.folder_lock import LOCK, locked
+from launchid.monte_carlo.journal import LOCK, locked
 from launchid.monte_carlo.requirement.folder import CAMPAIGN, FLIGHTS_FILE, JOURNAL
 from sim.nominal import Nominal, Offsets, load_nominal
 

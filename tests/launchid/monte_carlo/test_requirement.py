@@ -11,8 +11,7 @@ from scipy.stats import beta, binom
 from launchid.cli.main import main
 from launchid.monte_carlo.requirement.flight import METRICS
 from launchid.monte_carlo.requirement.grammar import requirement
-from launchid.monte_carlo.requirement.order_statistics import Planned, wilks_rank
-from launchid.monte_carlo.requirement.sequential import Sequential
+from launchid.monte_carlo.requirement.sequential import Planned, Sequential, wilks_rank
 from launchid.monte_carlo.requirement.watch import Count, Watch
 
 PROBABILITY, CONFIDENCE = 0.00135, 0.9   # of Hanson & Beard: 99.865 % with 10 % consumer's risk
