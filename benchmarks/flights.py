@@ -30,8 +30,8 @@ FINEST = 0.0005                          # s: a step of the simulation for perio
 
 def arguments(doc: str, parts: Iterable[str] = (), **defaults: Any) -> argparse.Namespace:
     """The options of a benchmark whose page is `doc`, one for each default: of a tuple the first is the default, the
-    others may be chosen; of a list all are, and any may be, of numbers others too.  `part`: which of the parts, if there
-    are any.  `seeds` are those of the flights from `seed` on."""
+    others may be chosen; of a list all are, and any may be, of numbers others too.  `part`: which of the parts, if
+    there are any.  `seeds` are those of the flights from `seed` on."""
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     if parts:
         parser.add_argument("part", choices=parts)
