@@ -1,5 +1,5 @@
 """The paper's experiments and their honest companions under sensor noise."""
 
-from .flights import CASES, CONFIDENCE
+from .cases import CASES, CONFIDENCE
 
 __all__ = ["CASES", "CONFIDENCE"]

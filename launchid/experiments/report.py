@@ -16,9 +16,8 @@ from ..identification.windows import number
 from ..monte_carlo.campaign import run_jobs
 from ..progress import Counter
 from . import confidence
+from .cases import CASES, CONFIDENCE, Case
 from .flights import (
-    CASES,
-    CONFIDENCE,
     EXACT,
     NODE,
     TRUE_A6,
@@ -26,7 +25,6 @@ from .flights import (
     VALID,
     WINDOW_A6,
     WINDOW_K1,
-    Case,
     Result,
     VehicleJob,
     fly_job,

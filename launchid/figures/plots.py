@@ -13,7 +13,8 @@ from launchid_core import polynomial
 from sim.canvas import UNIT, panels, save
 from sim.flight import dispersion, fly_whole, parameters
 
-from ..experiments.flights import CASES, START, TRUE_A6, TRUE_K1, WINDOW_A6, WINDOW_END, WINDOW_K1, Result, case_nominal
+from ..experiments.cases import CASES
+from ..experiments.flights import START, TRUE_A6, TRUE_K1, WINDOW_A6, WINDOW_END, WINDOW_K1, Result, case_nominal
 
 GREYS = {-1: ("0.0", ":"), 0: ("0.0", "-"), 1: ("0.0", "--")}
 SMALLEST_ERROR = 1e-17  # an error of 0 on a logarithmic axis: below what a float can be off
