@@ -25,7 +25,7 @@ from flights import INTERVAL, Table, arguments, in_air, nominal, run_jobs
 
 from launchid.bound.flights import known_state_information
 from launchid.identification.windows import onboard_model
-from launchid_core import Config, Estimator, Status
+from launchid_core import Config, Estimator
 from launchid_core.watch.changes import THRESHOLD
 from sim.effects import from_text
 from sim.flight import Factor, Flight, dispersion, fly_whole
@@ -45,7 +45,6 @@ def air(believed: Nominal, name: str, excited: bool = False) -> Nominal:
     if name == "calm":
         return believed
     rough = in_air(believed, "excited" if excited else "wind")
-    assert rough.wind is not None
     return dataclasses.replace(rough, wind=dataclasses.replace(rough.wind, turbulence=TURBULENCE))
 
 
@@ -67,8 +66,7 @@ def clean_job(name: str, seed: int, around: str) -> tuple[float, int]:
     flight = fly_whole(truth(believed, around), seed, a6_factor=factors[0], k1_factor=factors[1],
                        effects=[from_text(GUST)] if around == "gust" else ())
     est = estimator(believed, flight)
-    for sample in flight.samples():
-        est.update(sample)
+    est.replay(flight.rows())
     return float(flight.t[-1]), len({change.alarm for change in est.changes()})
 
 
@@ -77,7 +75,6 @@ def loss_job(name: str, seed: int, around: str) -> dict[str, float]:
     believed = air(nominal(name), around, excited=around == "wind")
     rng = np.random.default_rng((734, seed))
     delta = rng.uniform(-1.0, 1.0, 2)
-    assert believed.simulation is not None
     onset = rng.uniform(FIRST_MANOEUVRE, believed.simulation.duration - LAST_ONSET_BEFORE_END)
     a6_factor, k1_box = dispersion(believed, *delta)
 
@@ -88,20 +85,17 @@ def loss_job(name: str, seed: int, around: str) -> dict[str, float]:
     flown = truth(believed, around)
     flight = fly_whole(flown, seed, a6_factor=a6_factor, k1_factor=k1_factor)
     est = estimator(believed, flight)
-    false_alarms = 0.0
-    result = {"delay": math.inf, "z": math.nan, "size_error": math.nan, "lost": flight.lost}
-    for sample in flight.samples():
-        status = est.update(sample)
-        if status == Status.WINDOW_COMPLETE and sample.t < onset:
-            false_alarms = float(len(est.changes()) > 0)
-    found = [c for c in est.changes() if c.parameter == "k1" and c.alarm >= onset]
+    rows, first = flight.rows(), np.searchsorted(flight.t, onset)
+    est.replay(rows[:first])
+    result = {"delay": math.inf, "z": math.nan, "size_error": math.nan, "lost": flight.lost,
+              "false": len(est.changes()) > 0}
+    est.replay(rows[first:])
+    found = [change for change in est.changes() if change.parameter == "k1" and change.alarm >= onset]
     if found:
-        first = found[0]
-        k1_before = flight.k1[np.searchsorted(flight.t, onset) - 1]
-        error = first.size - -LOSS * k1_before
-        result.update(delay=first.alarm - onset, z=error / first.size_std if first.final else math.nan,
-                      size_error=error / abs(LOSS * k1_before))
-    result["false"] = false_alarms
+        loss = LOSS * flight.k1[first - 1]
+        error = found[0].size + loss
+        result.update(delay=found[0].alarm - onset, size_error=error / abs(loss),
+                      z=error / found[0].size_std if found[0].final else math.nan)
     result["floor"] = floor(flown, flight, onset, a6_factor, k1_box)
     return result
 

@@ -84,7 +84,6 @@ def launchid(log: Log, window: float, model: Model, tracked: bool = False, **cho
     for t, theta, theta_dot, beta, command in zip(*(column.tolist() for column in log), strict=True):
         if estimator.update(Sample(t, theta, theta_dot, beta, math.nan, command)) == Status.WINDOW_COMPLETE:
             estimate = estimator.estimate()
-            assert estimate is not None
             chosen = estimate.tracked if tracked else estimate
             rows.append((chosen.a6, chosen.k1))
     return np.array(rows).reshape(-1, 2)

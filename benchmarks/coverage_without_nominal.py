@@ -27,7 +27,6 @@ SECONDS = 60.0
 def noisy(gyro: float, disturbance: float) -> Nominal:
     """Return the nominal with these levels."""
     nominal = load_nominal("constant")
-    assert nominal.simulation is not None
     return dataclasses.replace(
         nominal, sensors=dataclasses.replace(nominal.sensors, theta_dot_std=gyro),
         simulation=dataclasses.replace(nominal.simulation, duration=SECONDS, acceleration_noise_std=disturbance))

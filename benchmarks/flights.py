@@ -86,7 +86,6 @@ def nominal(name: str) -> Nominal:
 
 def at_rate(believed: Nominal, rate: float) -> Nominal:
     """The nominal with controller and sensors at another rate [Hz]; the noise of a draw stays."""
-    assert believed.controller is not None and believed.simulation is not None
     step = believed.simulation.step
     return dataclasses.replace(
         believed, controller=dataclasses.replace(believed.controller, period=1.0 / rate),
@@ -103,7 +102,6 @@ def multisine(duration: float) -> Multisine:
 
 def in_air(believed: Nominal, air: str) -> Nominal:
     """The nominal in one of AIRS."""
-    assert believed.simulation is not None
     return dataclasses.replace(
         believed, offsets=None if air == "calm" else OFFSETS, wind=WIND if air in ("wind", "excited") else None,
         test_input=multisine(believed.simulation.duration) if air == "excited" else None)
@@ -122,7 +120,6 @@ def with_levels(declared: Nominal, seed: int) -> Nominal:
 def with_noise(believed: Nominal, factors: np.ndarray) -> Nominal:
     """The vehicle whose five noise levels are `factors` times the declared ones."""
     s, a, m = believed.sensors, believed.actuator, believed.simulation
-    assert a is not None and m is not None
     return dataclasses.replace(
         believed,
         sensors=dataclasses.replace(s, theta_std=s.theta_std * factors[0], theta_dot_std=s.theta_dot_std * factors[1],

@@ -143,7 +143,6 @@ def close_times(repeats: int) -> dict[str, tuple[np.ndarray, float]]:
     spent, status = timed(estimator.update, [Sample(*row) for row in np.concatenate(windows).tolist()])
     closes = np.array(status) == Status.WINDOW_COMPLETE
     estimate = estimator.estimate()
-    assert estimate is not None
     results = {"launchid": (spent[closes], worst(estimate.a6, estimate.k1))}
     theta, beta = (LIBRARIES["quadratic"].index(term) for term in ("theta", "beta"))
     if shutil.which(CC) is not None:

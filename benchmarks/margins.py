@@ -63,7 +63,6 @@ def drawn(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
     frequency, damping = 1.0 + random.uniform(-SERVO_SPREAD, SERVO_SPREAD, 2)
     a6, k1 = 1.0 + random.uniform(-SPREAD, SPREAD, 2)
     servo = believed.actuator
-    assert servo is not None
     return dataclasses.replace(believed, actuator=dataclasses.replace(
         servo, natural_frequency=servo.natural_frequency * frequency, damping_ratio=servo.damping_ratio * damping,
         delay=float(random.uniform(0.0, MOST_DELAY)))), float(a6), float(k1)
@@ -71,7 +70,6 @@ def drawn(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
 
 def declared_unknown(vehicle: Nominal) -> Nominal:
     """A vehicle whose servo is declared with SIGMA."""
-    assert vehicle.actuator is not None
     return dataclasses.replace(vehicle, actuator=dataclasses.replace(vehicle.actuator, **SIGMA))
 
 
@@ -89,7 +87,6 @@ def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarra
     if flight.lost:
         return None
     made = launchid.margins(_columns(flight), declared_unknown(believed), window=window, tracked=True)
-    assert true.actuator is not None
     servo = np.array([true.actuator.natural_frequency, true.actuator.damping_ratio, true.actuator.delay])
     bound = flight_bound(declared_unknown(true), window, seed, a6_factor=a6_factor, k1_factor=k1_factor)
     known = flight_bound(true, window, seed, a6_factor=a6_factor, k1_factor=k1_factor)
@@ -141,7 +138,6 @@ NAMED_LEAST, FALSE_MOST, REFUSED_LEAST = 0.95, 0.01, 0.95
 def margins_of_vehicle(vehicle: Nominal, a6: float, k1: float, gains: tuple[float, ...] = ()) -> np.ndarray:
     """The true margins (4,) of a6, k1 [1/s^2] behind a vehicle's servo."""
     servo, controller = vehicle.actuator, vehicle.controller
-    assert servo is not None and controller is not None
     row = np.array([[a6, k1, servo.natural_frequency, servo.damping_ratio, servo.delay]])
     return np.asarray(margin_table(loops(plants_of(row), controller, *gains))[0])
 
@@ -150,7 +146,6 @@ def slow_servo(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
     """A vehicle whose servo leaves less than LITTLE degrees, and is not beyond what keeps it stable."""
     _, a6, k1 = drawn(believed, seed)
     servo, random = believed.actuator, np.random.default_rng((920, seed))
-    assert servo is not None
     while True:
         late = dataclasses.replace(believed, actuator=dataclasses.replace(
             servo, natural_frequency=servo.natural_frequency * random.uniform(SLOWEST, 1.0),
@@ -263,7 +258,6 @@ def flown(believed: Nominal, kind: str, name: str, seed: int) -> tuple[dict[str,
     """A log of another loop, the nominal that its margins are asked with, and the true vehicle at t [s] (None: its
     margins are not known)."""
     servo, controller = believed.actuator, believed.controller
-    assert servo is not None and controller is not None
     if kind == "controller":
         true = dataclasses.replace(believed, controller=CONTROLLERS[name](controller))
         late = 0.01 if name == "10 ms late" else 0.0
@@ -289,7 +283,6 @@ def flown(believed: Nominal, kind: str, name: str, seed: int) -> tuple[dict[str,
     first = round(CHANGE_AT / state.step)
     advance(vehicle, first, rows)
     new = after.actuator
-    assert new is not None
     state.frequency, state.damping, state.delay = new.natural_frequency, new.damping_ratio, new.delay
     state.pole = fastest_pole(state.frequency, state.damping)
     advance(vehicle, steps - first, rows)

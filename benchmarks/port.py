@@ -131,7 +131,6 @@ def on_target(folder: Path, compiler: str, flags: list[str], check: str) -> list
     sizes = subprocess.run([tool, "stack.o"], cwd=folder, capture_output=True, text=True, check=True).stdout
     code = sum(map(int, sizes.splitlines()[1].split()[:2]))
     memory = re.search(r"(\d+) bytes persist, (\d+) are scratch", (folder / "README.md").read_text(encoding="utf-8"))
-    assert memory is not None
     said = subprocess.run(["make", "-s", check or "check"], cwd=folder, capture_output=True, text=True,
                           check=False).stdout
     seen = re.search(r"stack at most (\d+) bytes; (\d+) instructions, longest (\d+)", said)

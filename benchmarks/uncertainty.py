@@ -36,7 +36,6 @@ def table(name: str, seed: int, delta: tuple[float, float], duration: float | No
     believed = nominal(name)
     flown = believed
     if duration is not None:
-        assert believed.simulation is not None
         flown = dataclasses.replace(believed, simulation=dataclasses.replace(believed.simulation, duration=duration))
     a6_factor, k1_factor = dispersion(believed, *delta)
     flight = fly_whole(flown, seed, a6_factor=a6_factor, k1_factor=k1_factor)
@@ -44,7 +43,6 @@ def table(name: str, seed: int, delta: tuple[float, float], duration: float | No
     rows = []
     for e in run(config, flight.rows())[0]:
         u = e.uncertainty
-        assert u is not None
         rows.append([e.t_end] + [x for level in (u.a6, u.k1) for x in (
             level.delta, level.delta_std, BANDS.index(level.band) if level.band in BANDS else -1, level.in_range)])
     return np.array(rows)
