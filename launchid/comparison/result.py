@@ -17,8 +17,7 @@ from ..results.answer import Answer, flat
 from .dispersion import Dispersed
 from .flown import FLOWN_CHANNELS
 from .frequency_response import COHERENT, Response
-from .prediction import HORIZONS, Predictions
-from .statistics import NO_STATISTICS, Statistics, statistics
+from .prediction import HORIZONS, NO_STATISTICS, Predictions, Statistics, statistics
 
 if TYPE_CHECKING:
     from sim.result import Figure

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 
 from ..journal import Outcome
 from .grammar import Requirement
-from .order_statistics import Planned
-from .sequential import Sequential
+from .sequential import Planned, Sequential
 
 MET, NOT_MET, UNDECIDED = "met", "not met", "undecided"
 Rule = Planned | Sequential
