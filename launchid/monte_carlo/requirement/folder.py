@@ -32,7 +32,7 @@ from ..campaign import Enough, run_campaign
 from ..journal import ERROR_COLUMN, Outcome, locked
 from .flight import FlightJob, Flyer, flight_job, flight_jobs, flown_row
 from .grammar import requirement
-from .watch import Watch
+from .sequential import Watch
 
 FLIGHTS_FORMAT = "launchid flights 1"
 NOT_FLOWN = ("name", "diagnosis")  # of a nominal: how it is called and judged

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from .flight import METRICS
 from .folder import Definition, Flights
 from .grammar import Requirement
-from .sequential import Planned, Sequential
-from .watch import NOT_MET, UNDECIDED, Count, Watch
+from .sequential import NOT_MET, UNDECIDED, Count, Planned, Sequential, Watch
 
 
 def judged(definition: Definition, requirements: Sequence[Requirement], flights: Flights) -> dict[str, Any]:

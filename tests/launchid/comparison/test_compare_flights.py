@@ -10,8 +10,7 @@ from scipy.stats import kstest
 
 import launchid
 from launchid.commands.compare import compare
-from launchid.comparison.dispersion import FIRST_SEED, Draw, dispersed, drawn, fly_drawn
-from launchid.comparison.flown import along, flown, quiet
+from launchid.comparison.flown import FIRST_SEED, Draw, along, dispersed, drawn, flown, fly_drawn, quiet
 from launchid.comparison.prediction import predictions, statistics
 from launchid.comparison.result import Comparison
 from launchid.log.detect import check

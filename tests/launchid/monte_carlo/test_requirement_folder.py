@@ -26,8 +26,7 @@ from launchid.cli.main import main
 from launchid.commands.campaign import campaign, foreseen
 from launchid.monte_carlo.requirement.flight import METRICS, Flyer, flight_jobs
 from launchid.monte_carlo.requirement.grammar import requirement
-from launchid.monte_carlo.requirement.sequential import Planned, Sequential, wilks_rank
-from launchid.monte_carlo.requirement.watch import Count, Watch
+from launchid.monte_carlo.requirement.sequential import Count, Planned, Sequential, Watch, wilks_rank
 from sim.errors import InputError, UsageError
 from sim.flight import dispersion, fly_whole
 from sim.nominal import Nominal, Offsets, Profile, Sensors, Wind, load_nominal, write_nominal
