@@ -35,6 +35,7 @@ MIN_INNOVATIONS = 20   # innovations, without which nothing is said
 UNKNOWN = 0.1          # rad, one sigma of the nozzle where the log begins
 MOST_GAP = 1.5         # of the log's period, behind which it begins anew
 SLOPE_STEPS = (0.01, 0.01, 5e-4, 0.01)  # of the slopes: ln frequency, damping ratio, delay [s], gain
+USUAL = [0, 1, 2, 3, 5]  # of ASKED and a constant: all but play
 ASKED = ("natural_frequency", "damping_ratio", "delay", "gain", "play")
 
 
@@ -180,10 +181,10 @@ class Followed:
             if np.count_nonzero(one) >= MIN_INNOVATIONS:
                 own = products(design[one], design[one])
                 worst = max(worst, statistic(along(design[one], e[one]), own, own, doubt))
-        x, usual = least_squares(design, e), [0, 1, 2, 3, 5]
-        inverse = np.linalg.pinv(information[np.ix_(usual, usual)])
+        x = least_squares(design, e)
+        inverse = np.linalg.pinv(information[np.ix_(USUAL, USUAL)])
         return Answer(score, information, float(np.mean((e - combined(design, x))**2)),
-                      (inverse @ score[usual])[:4], np.sqrt(np.diag(inverse)[:4]), worst)
+                      (inverse @ score[USUAL])[:4], np.sqrt(np.diag(inverse)[:4]), worst)
 
     def own(self, t_start: float, t_end: float, servo: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
         """The servo (4,) that the rows from t_start to t_end [s] show, its standard deviations (4,), and what it leaves
@@ -239,8 +240,18 @@ def followed(log: Log, model: Model) -> Followed | str:
 Servos = Sequence[tuple[np.ndarray, np.ndarray]]   # mean (3,): frequency, damping ratio, delay; covariance (3, 3)
 
 
-def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], servos: Servos) -> list[bool | None]:
-    """Which windows contradict their servos; None of those that cannot be asked."""
+@dataclass(frozen=True)
+class Judgement:
+    """Which windows contradict their servos, None: cannot be asked; and the differences of natural frequency [rad/s],
+    damping ratio and delay [s] that the most telling of them would have shown."""
+
+    found: list[bool | None]
+    shown: np.ndarray
+
+
+def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], servos: Servos) -> Judgement:
+    """Ask every window.  The silence of one in which the servo that others show would not have been seen tests nothing:
+    it contradicts as they do."""
     answers, about, doubts = [], [], []
     for (t_start, t_end), (mean, covariance) in zip(windows, servos, strict=True):
         unit = np.array([1.0 / mean[0], 1.0, 1.0])
@@ -249,7 +260,8 @@ def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], ser
         known = np.isfinite(mean).all()
         answers.append(follow.answer(t_start, t_end, np.append(mean, 1.0), doubts[-1]) if known else None)
     usual = float(np.median([each.left for each in answers if each is not None] or [1.0]))
-    statistics = np.full((len(windows), len(MEMORIES)), math.nan)
+    threshold = SERVO_CHI_SQUARE * usual
+    statistics, told = np.full((len(windows), len(MEMORIES)), math.nan), [np.zeros((6, 6))] * len(windows)
     for column, memory in enumerate(MEMORIES):
         score, information, variance, before = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros(3)
         for k, ((t_start, t_end), answer) in enumerate(zip(windows, answers, strict=True)):
@@ -258,15 +270,28 @@ def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], ser
                 score = fade * (score + information[:, :3] @ (before - about[k])) + answer.score  # about its servo
                 information, variance = fade * information + answer.information, fade**2 * variance + answer.information
                 before = about[k]
-                statistics[k, column] = statistic(score, information, variance, doubts[k] / usual)
+                statistics[k, column], told[k] = statistic(score, information, variance, doubts[k] / usual), information
     found: list[bool | None] = []
     for faded, answer, doubt in zip(statistics, answers, doubts, strict=True):
         if answer is None:
             found.append(None)
             continue
         own = statistic(answer.score, answer.information, answer.information, doubt / usual)
-        found.append(max(answer.blocks, own, *faded) > SERVO_CHI_SQUARE * usual or answer.left > LOUD_VARIANCE)
-    return found
+        found.append(max(answer.blocks, own, *faded) > threshold or answer.left > LOUD_VARIANCE)
+    others = [answer for answer, is_other in zip(answers, found, strict=True) if answer is not None and is_other]
+    if others:
+        score = np.sum([each.score for each in others], axis=0)
+        information = np.sum([each.information for each in others], axis=0)
+        other = np.linalg.pinv(information[:5, :5], rcond=1e-9, hermitian=True) @ score[:5]
+        found = [bool(other @ seen[:5, :5] @ other < threshold) if is_other is False else is_other
+                 for is_other, seen in zip(found, told, strict=True)]
+    shown = np.full(3, math.inf)
+    for mean, information in zip((mean for mean, _ in servos), told, strict=True):
+        if information.any():
+            scale = 1.0 / np.sqrt(np.diag(information)[USUAL])
+            inverse = np.linalg.inv(information[np.ix_(USUAL, USUAL)] * np.outer(scale, scale) + 1e-12 * np.eye(5))
+            shown = np.minimum(shown, np.sqrt(threshold * np.diag(inverse)[:3]) * scale[:3] * [mean[0], 1.0, 1.0])
+    return Judgement(found, shown)
 
 
 def words(follow: Followed, window: tuple[float, float], servo: np.ndarray) -> str:
