@@ -136,7 +136,8 @@ def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate]) ->
         if not declared.covariance.any():
             w, zeta, delay = asked.shown
             flown.assumed.append(f"the servo's numbers are those declared: differences below {w:.2g} rad/s, "
-                                 f"{zeta:.2g} of the damping ratio, {1e3 * delay:.2g} ms of delay would not have shown" + DECLARE)
+                                 f"{zeta:.2g} of the damping ratio, {1e3 * delay:.2g} ms of delay would not have shown"
+                                 + DECLARE)
         _note(flown.assumed, "the servo does not change", [each is None for each in found])
         if another := [k for k, is_other in enumerate(found) if is_other]:
             flown.refused |= {k: MODEL_MARK for k in another if k not in flown.refused}
