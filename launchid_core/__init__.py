@@ -5,7 +5,7 @@ file, simulator or print.  numpy and numba only; what needs numba is imported wh
 its name is first asked for.
 """
 
-from importlib import import_module
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from .choices import FORMULATIONS, NOISE_LEVELS, SLOWEST, SOLVERS
@@ -34,16 +34,25 @@ __all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "MAX_ROWS", "NOISE_LEV
            "parse_term", "polynomial", "port_of", "precompile", "term_name"]
 
 
-# where the names above are, the least to import first: a simulator needs no estimator
-_HOMES = ("cache", "kernels", "algebra.library", "config", "model", "estimate", "watch.uncertainty", "port",
-          "order.entries", "estimator")
+def _homes() -> Iterator[Any]:
+    """The modules that the names above are in, each imported when it is asked: a simulator needs no estimator."""
+    from . import cache, kernels
+    yield from (cache, kernels)
+    from .algebra import library
+    yield library
+    from . import config, estimate, model
+    yield from (config, estimate, model)
+    from .watch import uncertainty
+    yield uncertainty
+    from . import estimator, port
+    from .order import entries
+    yield from (entries, estimator, port)
 
 
 def __getattr__(name: str) -> Any:
-    """One of the names above: the module that has it is imported when it is first asked for."""
+    """One of the names above that is not there yet."""
     if name in __all__:
-        for home in _HOMES:
-            module = import_module(f".{home}", __name__)
+        for module in _homes():
             if hasattr(module, name):
                 globals()[name] = getattr(module, name)
                 return globals()[name]
