@@ -1,151 +1,320 @@
-"""launchid's filtered form beside what a user could take instead (`baselines.py`), on the same flights.
+"""launchid's filtered form beside what a user could take instead, on the same flights.
 
-    python benchmarks/comparison.py [--flights 40] [--seed 0] [--pysindy-flights 4] [--quick]
+    python benchmarks/comparison.py [--flights 40] [--seed 0] [--pysindy-flights 4]
 
-One table per nominal and window.  `flight` suite at 100 Hz with the nominals' sensor noise, true parameters within
-+-25 % of the nominal.  Errors are relative to the truth at the window's centre (of recursive filters: at its end) and
-are taken over the windows whose Cramer-Rao bound is below 30 %.
+One table per nominal and window.  `flight` suite at 100 Hz with the nominals' sensor noise, which is declared exactly
+where a method asks for it, true parameters within +-25 % of the nominal.  Errors are relative to the truth at the
+window's centre (of the Kalman filter and of `tracked`: at its end) and are taken over the windows whose Cramer-Rao
+bound is below 30 %.  RMS/bound: RMS error over RMS bound; |e|: median; bias: mean over standard deviation; any: share
+of all windows with an estimate (0 after a threshold is one).
+*: knows data from before the window or a prior, which the window's bound does not count: may lie below 1.
+The nominal's profile is known to launchid filtered, tracked and `extended Kalman, profile`; all others fit constants.
+
+A method gets the log of one flight, the window [s] and the `Model` (nominal profile, actuator, noises; most ignore it)
+and returns (a6, k1) of every window, NaN where it has none.  Windows lie end to end from the first row on.  Nothing
+here draws random numbers but pysindy's weak library, whose subdomains are seeded.  Choices that favour the baseline
+are marked FAVOUR.
 """
 
-import argparse
 import functools
 import importlib.util
+import itertools
 import math
 import sys
-import time
+import warnings
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
-from baselines import DRIFT, HALF_WIDTH, MANY, METHODS, Log, Method, walk
-from flights import NOMINALS, draw, nominal, run_jobs
+from flights import Table, arguments, draw, nominal, run_jobs
 
 from launchid.bound.flights import flight_bound
 from launchid.identification.windows import onboard_model
-from sim.flight import Flight, fly_whole, parameters
+from launchid_core import Config, Estimator, Model, Sample, Status
+from sim.flight import fly_whole, parameters
 
 WINDOWS = (1.0, 5.0, 10.0)
 USEFUL = 0.3   # windows with a larger relative bound are left out
 SPREAD = 0.25
-E_A6, E_K1, B_A6, B_K1 = range(4)  # columns of a result: relative errors and bounds
+LOWEST, HIGHEST, SPACING = 0.1, 1.5, 0.04  # Hz: band of the frequency-domain method
+DRIFT = 0.15            # s: a parameter's random walk has the relative std DRIFT/window after one window; see `walk`
+PRIOR_STD = 0.25        # relative, of the parameters before the first row: the nominals' uncertainty
+NOZZLE_RATE_STD = 0.5   # rad/s, of beta_dot before the first row
+NO_PRIOR = 1.0e6        # first covariance of recursive least squares over a typical squared parameter
+THRESHOLD = 0.5         # 1/s^2, of the ten-term fits: launchid's own default
+HALF_WIDTH = 0.11       # s at 1 s, growing with the root of the window: half a subdomain of the tuned weak form
+MANY = 400              # subdomains of the weak form
 
-Result = dict[tuple[float, str], tuple[np.ndarray, float]]  # (window, method): table (windows, 4), us per sample
+
+class Log(NamedTuple):
+    """Arrays of one flight, equal length."""
+
+    t: np.ndarray          # s
+    theta: np.ndarray      # rad
+    theta_dot: np.ndarray  # rad/s
+    beta: np.ndarray       # rad
+    beta_cmd: np.ndarray   # rad
+
+    @property
+    def period(self) -> float:
+        """Time between rows [s]."""
+        return float(self.t[1] - self.t[0])
 
 
-def log_of(flight: Flight) -> Log:
-    """The log that a method gets."""
-    return Log(flight.t, flight.theta, flight.theta_dot, flight.beta, flight.beta_cmd)
+def edges(log: Log, window: float) -> np.ndarray:
+    """First row of every complete window, and the row after the last: shape (windows + 1,)."""
+    t = log.t - log.t[0]
+    count = math.floor((t[-1] + 1.5 * log.period) / window)
+    index = np.floor(t / window + 1e-9)
+    return np.searchsorted(index, np.arange(count + 1))
 
 
-@functools.cache
-def warm_up(name: str, pysindy: bool) -> None:
-    """Run every method on one window, so that neither compilation nor imports are timed."""
+# --- launchid itself -------------------------------------------------------------------------------------------------
+
+def launchid(log: Log, window: float, model: Model, tracked: bool = False, **choices: Any) -> np.ndarray:
+    """launchid's Estimator fed by a host loop; `tracked`: the tracked estimate at the window's end, of all data so far.
+
+    `difference` with ten terms is Navarro-Tapia et al.'s way, and Brunton, Proctor & Kutz, PNAS 113, 2016, with
+    launchid's five-point differences; only `filtered`, its noise declared, knows the model.
+    """
+    if choices["formulation"] == "filtered":
+        choices |= {"model": model, "noise": "declared"}
+    estimator = Estimator(Config(window=window, sample_period=log.period, **choices))
+    rows = []
+    for t, theta, theta_dot, beta, command in zip(*(column.tolist() for column in log), strict=True):
+        if estimator.update(Sample(t, theta, theta_dot, beta, math.nan, command)) == Status.WINDOW_COMPLETE:
+            estimate = estimator.estimate()
+            chosen = estimate.tracked if tracked else estimate
+            rows.append((chosen.a6, chosen.k1))
+    return np.array(rows).reshape(-1, 2)
+
+
+# --- pysindy ---------------------------------------------------------------------------------------------------------
+
+@functools.lru_cache(maxsize=32)
+def _weak_library(rows: int, period: float, half_width: float) -> Any:
+    """pysindy's weak library of theta and beta on a window's time grid; its random subdomains are always the same."""
+    import pysindy
+
+    state = np.random.get_state()
+    np.random.seed(0)  # the library draws from the global generator
+    grid = np.arange(rows) * period
+    terms = pysindy.CustomLibrary(library_functions=[lambda theta, rate, beta: theta, lambda theta, rate, beta: beta])
+    library = pysindy.WeakPDELibrary(function_library=terms, spatiotemporal_grid=grid, K=MANY,
+                                     H_xt=[min(half_width, 0.45 * grid[-1])])
+    np.random.set_state(state)
+    return library
+
+
+def pysindy_weak_tuned(log: Log, window: float, model: Model) -> np.ndarray:
+    """pysindy's weak form on theta and beta with MANY subdomains of 2 HALF_WIDTH sqrt(window).
+
+    Reinbold, Gurevich & Grigoriev, PRE 101, 2020; Messenger & Bortz, Multiscale Model. Simul. 19, 2021.
+    FAVOUR: subdomains and their weights are built once, outside the timing after the first flight; tuned on `constant`
+    and `vega_like`, where half a width of 0.1 s was best at 1 s, and 0.25..0.4 s at 10 s.
+    """
+    import pysindy
+
+    states = np.column_stack([log.theta, log.theta_dot, log.beta])
+    out = []
+    for first, end in itertools.pairwise(edges(log, window)):
+        fit = pysindy.SINDy(feature_library=_weak_library(end - first, log.period, HALF_WIDTH * math.sqrt(window)),
+                            optimizer=pysindy.STLSQ(threshold=0.0, alpha=0.0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            fit.fit(states[first:end], t=np.arange(end - first) * log.period)
+        out.append(fit.coefficients()[1])  # of theta_dot's equation
+    return np.array(out)
+
+
+# --- recursive least squares -----------------------------------------------------------------------------------------
+
+def recursive_least_squares(log: Log, window: float, model: Model) -> np.ndarray:
+    """Recursive least squares on the centrally differenced rate, forgetting 1 - period/window (memory: one window).
+
+    Ljung, System Identification, 2nd ed., section 11.2.  Uses data from before the window, with half the variance of
+    a rectangular window of the same memory.  FAVOUR: compared with the truth at the window's centre although its data
+    are one window old on average.
+    """
+    rate = (log.theta_dot[2:] - log.theta_dot[:-2]) / (log.t[2:] - log.t[:-2])
+    rows = np.column_stack([log.theta, log.beta])[1:-1]
+    forgetting, p, x = 1.0 - log.period / window, NO_PRIOR * np.eye(2), np.zeros(2)
+    after = np.empty_like(rows)
+    for i, row in enumerate(rows):
+        gain = p @ row
+        scale = 1.0 / (forgetting + row @ gain)
+        x = x + gain * ((rate[i] - row @ x) * scale)
+        p = (p - np.outer(gain, gain) * scale) / forgetting
+        after[i] = x
+    return after[np.clip(edges(log, window)[1:] - 2, 0, len(rows) - 1)]
+
+
+# --- frequency domain ------------------------------------------------------------------------------------------------
+
+def frequency(log: Log, window: float, model: Model) -> np.ndarray:
+    """Real-time equation error in the frequency domain, transforms restarted with every window.
+
+    Morelli, AIAA-99-4043: recursive Fourier transform on a band (0.1..1.5 Hz by 0.04 Hz), derivative by i omega.
+    FAVOUR: not in the publication, the window's end values of the rate, q(T) exp(-i omega T) - q(0), are unknowns too;
+    the transient term of Pintelon & Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., chapter 6.
+    """
+    omega = 2.0 * math.pi * np.arange(LOWEST, HIGHEST + 1e-9, SPACING)
+    bounds = edges(log, window)
+    signal = np.column_stack([log.theta, log.beta, log.theta_dot])
+    out = np.full((len(bounds) - 1, 2), np.nan)
+    for w, (first, end) in enumerate(itertools.pairwise(bounds)):
+        turned = np.exp(-1j * np.outer(omega, log.period * np.arange(end - first)))
+        last = turned[:, -1]
+        weighted = turned * log.period
+        weighted[:, [0, -1]] *= 0.5  # trapezoidal rule
+        theta, beta, rate = (weighted @ signal[first:end]).T
+        matrix = np.column_stack([theta, beta, -last, np.ones(len(omega), complex)])
+        right = 1j * omega * rate
+        real = np.concatenate([matrix.real, matrix.imag])
+        scale = np.linalg.norm(real, axis=0)
+        scale[scale == 0.0] = 1.0
+        out[w] = np.linalg.lstsq(real / scale, np.concatenate([right.real, right.imag]), rcond=None)[0][:2] / scale[:2]
+    return out
+
+
+# --- parameters as states --------------------------------------------------------------------------------------------
+
+def walk(period: float, window: float) -> float:
+    """Variance per row of the relative random walk of a parameter, matched to the window.
+
+    A random walk whose std after one window is the std that one window's data give makes the steady-state memory one
+    window.  The bounds of the nominals are about 0.15 s / window (15, 3, 1.5 % for 1, 5, 10 s): DRIFT.
+    """
+    return (DRIFT / window) ** 2 * period / window
+
+
+def _nozzle(model: Model, h: float) -> np.ndarray:
+    """Rows beta, beta_dot after a step h and the integral and double integral of beta over it, as functions of
+    (beta, beta_dot, held command): shape (4, 3).  Matrix exponential by its Taylor series."""
+    w = model.natural_frequency
+    a = np.zeros((5, 5))
+    a[0, 1] = a[1, 2] = a[2, 3] = 1.0
+    a[3, 2:] = -w * w, -2.0 * model.damping_ratio * w, w * w
+    term = total = np.eye(5)
+    for order in range(1, 25):
+        term = term @ a * (h / order)
+        total = total + term
+    return np.ascontiguousarray(total[[2, 3, 1, 0], 2:])
+
+
+def extended_kalman_profile(log: Log, window: float, model: Model) -> np.ndarray:
+    """Extended Kalman filter over (theta, theta_dot, beta, beta_dot, a6/nominal, k1/nominal), the command known.
+
+    Jategaonkar, Flight Vehicle System Identification, 2nd ed., chapter 7.  Noises from the nominal; started there
+    +- 25 %; the parameters are random walks (`walk`) of the deviations from the nominal's profile.
+    FAVOUR: knows the profile, as launchid does; compare with its tracked estimate, which also uses all data so far.
+    """
+    if model.delay:
+        raise ValueError(f"model.delay={model.delay!r}: this filter knows no delay")
+    h, noise, middle = log.period, model.variances(log.period), log.t + 0.5 * log.period
+    unit = np.column_stack([np.interp(middle, model.profile_t, values)
+                            for values in (model.profile_a6, model.profile_k1)])
+    z = np.column_stack([log.theta, log.theta_dot, log.beta])
+    x = np.array([*z[0], 0.0, model.profile_a6[0] / unit[0, 0], model.profile_k1[0] / unit[0, 1]])
+    p = np.diag([*noise[:3], NOZZLE_RATE_STD**2, PRIOR_STD**2, PRIOR_STD**2])
+    walked = np.diag([0.0, 0.0, 0.0, 0.0, walk(h, window), walk(h, window)])
+    nozzle, f, gain, after = _nozzle(model, h), np.eye(6), np.zeros((6, 2)), np.empty_like(unit)
+    for i, (of_a6, of_k1) in enumerate(unit):
+        for channel in range(3):  # measurements, one by one
+            column = p[:, channel] / (p[channel, channel] + noise[channel])
+            x = x + column * (z[i, channel] - x[channel])
+            p = p - np.outer(column, p[channel])
+        after[i] = x[4:] * unit[i]
+        (a6, k1), (theta, rate) = after[i], x[:2]
+        beta, beta_dot, once, twice = nozzle @ [x[2], x[3], log.beta_cmd[i]]  # after the step, and its integrals
+        c, s = 1.0 + 0.5 * a6 * h * h, h + a6 * h * h * h / 6.0
+        f[:2, :2], f[2:4, 2:4] = [[c, s], [a6 * s, c]], nozzle[:2, :2]
+        f[0, 2:4], f[1, 2:4] = k1 * nozzle[3, :2], k1 * nozzle[2, :2]
+        f[:2, 4] = of_a6 * (0.5 * h * h * theta + h * h * h / 6.0 * rate), of_a6 * (h * theta + 0.5 * h * h * rate)
+        f[:2, 5] = of_k1 * twice, of_k1 * once
+        gain[:4, 0] = k1 * nozzle[3, 2], k1 * nozzle[2, 2], *nozzle[:2, 2]
+        gain[:2, 1] = 0.5 * h * h, h
+        x = np.array([c * theta + s * rate + k1 * twice, a6 * s * theta + c * rate + k1 * once, beta, beta_dot, *x[4:]])
+        p = f @ p @ f.T + gain * noise[3:] @ gain.T + walked
+    return after[edges(log, window)[1:] - 1]
+
+
+# --- the comparison ---------------------------------------------------------------------------------------------------
+
+class Method(NamedTuple):
+    """A row of the comparison."""
+
+    name: str
+    run: Callable[[Log, float, Model], np.ndarray]
+    at_end: bool = False   # compared with the truth at the window's end, not at its centre
+    memory: bool = False   # knows data from before the window (or a prior), which the window's bound does not
+    pysindy: bool = False  # needs pysindy; slow
+
+
+_of = functools.partial
+METHODS = (
+    Method("difference, ten terms", _of(launchid, formulation="difference", library="quadratic", threshold=THRESHOLD)),
+    Method("difference, two terms", _of(launchid, formulation="difference", library="rigid-body")),
+    Method("pysindy weak, tuned", pysindy_weak_tuned, pysindy=True),
+    Method("integral", _of(launchid, formulation="integral")),
+    Method("RLS, forgetting", recursive_least_squares, memory=True),
+    Method("frequency domain", frequency),
+    Method("extended Kalman, profile", extended_kalman_profile, at_end=True, memory=True),
+    Method("launchid filtered", _of(launchid, formulation="filtered")),
+    Method("launchid tracked", _of(launchid, formulation="filtered", tracked=True), at_end=True, memory=True),
+)
+
+
+def job(name: str, seed: int, pysindy: bool) -> dict[tuple[float, str], np.ndarray]:
+    """One flight, all windows and methods: relative errors of a6 and k1, their bounds."""
     believed = nominal(name)
-    log = log_of(fly_whole(believed, 0))
-    for window in WINDOWS:
-        part = Log(*(column[:round(window / log.period)] for column in log))
-        for method in chosen(pysindy):
-            method.run(part, window, onboard_model(believed))
-
-
-def chosen(pysindy: bool) -> list[Method]:
-    """The methods to run."""
-    return [method for method in METHODS if pysindy or not method.pysindy]
-
-
-def job(name: str, seed: int, pysindy: bool) -> Result:
-    """One flight, all methods and windows."""
-    warm_up(name, pysindy)
-    believed = nominal(name)
-    model = onboard_model(believed)
     deviation, _ = draw(seed, SPREAD, noise_spread=False)
     vehicle = {"a6_factor": 1.0 + deviation[0], "k1_factor": 1.0 + deviation[1]}
-    log = log_of(fly_whole(believed, seed, **vehicle))
+    flight = fly_whole(believed, seed, **vehicle)
+    log = Log(flight.t, flight.theta, flight.theta_dot, flight.beta, flight.beta_cmd)
     results = {}
     for window in WINDOWS:
         bound = flight_bound(believed, window, seed, **vehicle)
-        for method in chosen(pysindy):
-            start = time.perf_counter()
-            estimate = method.run(log, window, model)
-            spent = time.perf_counter() - start
+        for method in METHODS:
+            if method.pysindy and not pysindy:
+                continue
+            estimate = method.run(log, window, onboard_model(believed))
             n = min(len(estimate), len(bound.a6))
             at = bound.t_start[:n] + window * (1.0 if method.at_end else 0.5)
             truth = np.column_stack(parameters(believed, at, **vehicle))
-            error = (estimate[:n] - truth) / np.abs(truth)
-            results[window, method.name] = (np.column_stack([error, bound.a6[:n], bound.k1[:n]]),
-                                            1e6 * spent / len(log.t))
+            results[window, method.name] = np.column_stack([(estimate[:n] - truth) / np.abs(truth), bound.a6[:n],
+                                                            bound.k1[:n]])
     return results
 
 
-def figures(table: np.ndarray, parameter: int) -> tuple[float, float, float]:
-    """RMS error over RMS bound, median |error|, bias over standard deviation of one parameter (E_A6 or E_K1)."""
-    error, bound = table[:, parameter], table[:, parameter + 2]
+def figures(error: np.ndarray, bound: np.ndarray) -> tuple[float, float, float]:
+    """RMS error over RMS bound, median |error|, bias over standard deviation of one parameter."""
     used = (bound < USEFUL) & np.isfinite(error)
     if used.sum() < 2:
         return math.nan, math.nan, math.nan
     e, b = error[used], bound[used]
-    return (float(np.sqrt(np.mean(e**2) / np.mean(b**2))), float(np.median(np.abs(e))),
-            float(np.mean(e) / max(np.std(e), 1e-300)))
-
-
-def header(args: argparse.Namespace, pysindy_flights: int) -> None:
-    """Print what was run, and how to read it."""
-    print(f"{args.flights} flights a nominal, seeds {args.seed}..{args.seed + args.flights - 1}, 100 Hz, dispersed "
-          f"+-{SPREAD:.0%}, sensor noise of the nominals, declared exactly where a method asks for it.")
-    print(f"pysindy on the first {pysindy_flights} of them (too slow for all).  RMS/bound: RMS relative error over RMS "
-          f"Cramer-Rao bound of the window, where that is below {USEFUL:.0%}.")
-    print("|e|: median relative error.  bias: mean over standard deviation of the error.  any: share of all windows "
-          "with an estimate (0 after a threshold is one).")
-    print("us: microseconds per sample, median of the flights, host loop included (launchid's is Python, one sample at "
-          "a time; RLS, frequency domain and Kalman run compiled over the whole log; two processes at a time).")
-    print("*: knows data from before the window or a prior, which the window's bound does not count: may lie below 1.  "
-          "Kalman, tracked: truth at the window's end.")
-    print("The nominal's profile is known to launchid filtered, tracked and `extended Kalman, profile`; all others fit "
-          "constants.")
-    walks = ", ".join(f"{DRIFT / w:.1%} over {w:g} s (variance {walk(0.01, w):.2g} a row)" for w in WINDOWS)
-    print(f"random walk of the Kalman filter's parameters, relative std: {walks}.  RLS memory: one window.  "
-          f"weak, tuned: {MANY} subdomains of {2 * HALF_WIDTH:g} s sqrt(window/s).")
-
-
-def show(name: str, window: float, results: list[Result]) -> None:
-    """Print one table."""
-    reference = np.concatenate([result[window, METHODS[0].name][0] for result in results])
-    shares = [np.mean(reference[:, column] < USEFUL) for column in (B_A6, B_K1)]
-    print(f"\n{name}, window {window:g} s: {len(reference)} windows, bound below {USEFUL:.0%} in {shares[0]:.0%} (a6), "
-          f"{shares[1]:.0%} (k1)")
-    print(f"{'':27} {'flights':>7} | {'a6 RMS/bound':>12} {'|e|':>8} {'bias':>6} | {'k1 RMS/bound':>12} {'|e|':>8} "
-          f"{'bias':>6} | {'any':>5} {'us':>8}")
-    for method in METHODS:
-        got = [result[window, method.name] for result in results if (window, method.name) in result]
-        if not got:
-            continue
-        table = np.concatenate([rows for rows, _ in got])
-        line = f"{method.name + ('*' if method.memory else ''):27} {len(got):7d}"
-        both = [figures(table, parameter) for parameter in (E_A6, E_K1)]
-        for ratio, median, bias in both:
-            line += f" | {ratio:12.2f} {100 * median:7.2f}% {bias:+6.2f}"
-        share = np.mean(np.isfinite(table[:, E_A6]) & np.isfinite(table[:, E_K1]))
-        print(f"{line} | {share:5.0%} {np.median([spent for _, spent in got]):8.2f}", flush=True)
+    return np.sqrt(np.mean(e**2) / np.mean(b**2)), np.median(np.abs(e)), np.mean(e) / max(np.std(e), 1e-300)
 
 
 def main() -> int:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--flights", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=0, help="first seed")
-    parser.add_argument("--pysindy-flights", type=int, default=4)
-    parser.add_argument("--quick", action="store_true", help="at most 4 flights, 1 for pysindy")
-    args = parser.parse_args()
-    if args.quick:
-        args.flights, args.pysindy_flights = min(args.flights, 4), min(args.pysindy_flights, 1)
-    pysindy_flights = min(args.pysindy_flights, args.flights)
+    args = arguments(__doc__, flights=40, seed=0, pysindy_flights=4)
     if importlib.util.find_spec("pysindy") is None:
         print("pysindy is not installed: its rows are left out")
-        pysindy_flights = 0
-    header(args, pysindy_flights)
-    for name in NOMINALS:
-        seeds = range(args.seed, args.seed + args.flights)
-        results = run_jobs(job, [(name, seed, seed - args.seed < pysindy_flights) for seed in seeds])
+        args.pysindy_flights = 0
+    for name in args.nominal:
+        results = run_jobs(job, [(name, seed, seed - args.seed < args.pysindy_flights) for seed in args.seeds])
         for window in WINDOWS:
-            show(name, window, results)
+            print(f"\n{name}, window {window:g} s, bound below {USEFUL:.0%}")
+            table = Table("method 27", "flights 7d", "a6 RMS/bound 12.2f", "|e| 8.2%", "bias 6.2f",
+                          "k1 RMS/bound 12.2f", "|e| 8.2%", "bias 6.2f", "any 5.0%")
+            for method in METHODS:
+                got = [result[window, method.name] for result in results if (window, method.name) in result]
+                if got:
+                    rows = np.concatenate(got)
+                    table.row(method.name + ("*" if method.memory else ""), len(got),
+                              *figures(rows[:, 0], rows[:, 2]), *figures(rows[:, 1], rows[:, 3]),
+                              np.mean(np.isfinite(rows[:, :2]).all(axis=1)))
     return 0
 
 

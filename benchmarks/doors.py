@@ -1,21 +1,21 @@
 """Processor and wall time of each first command from a cold kernel cache, beside another checkout in the same minutes.
 
-    python benchmarks/doors.py --beside ../older [--runs 3] [simulate effects estimator identify diagnose edit]
+    python benchmarks/doors.py --beside ../older [--runs 3] [--door simulate|effects|estimator|identify|diagnose]
 
-Each run of a door starts with an empty cache; the two checkouts take turns, and the medians are compared.  `edit` says
-how many kernels `simulate` and `diagnose` compile again after a byte more in a file, in percent of a cold start.
+Each run of a door starts with an empty cache; the two checkouts take turns, and the medians are compared.
 """
 
-import argparse
 import os
 import resource
 import shutil
-import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+
+import numpy as np
+from flights import Table, arguments
 
 HERE = Path(__file__).resolve().parents[1]
 FAULT = "slosh:coupling=0.1,frequency=3"
@@ -31,8 +31,6 @@ Estimator(Config(window=5.0, sample_period=0.01, formulation="filtered", model=o
 DOORS = {"simulate": "simulate constant --out OUT", "effects": f"simulate constant --effect {FAULT} --out OUT",
          "estimator": "", "identify": "identify LOG --nominal constant --formulation filtered",
          "diagnose": "diagnose LOG --nominal constant"}
-EDITED = ("launchid/commands/identify.py", "launchid/diagnosis/verdict.py", "launchid/log/check.py",
-          "sim/vehicle/step.py")
 
 
 def spent(tree: Path, words: str, cache: Path, log: Path) -> tuple[float, float]:
@@ -49,61 +47,25 @@ def spent(tree: Path, words: str, cache: Path, log: Path) -> tuple[float, float]
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, time.monotonic() - begun
 
 
-def kernels(cache: Path) -> set[Path]:
-    """The compiled kernels in a cache."""
-    return set(cache.rglob("*.nbc"))
-
-
-def edits(folder: Path, log: Path) -> None:
-    """Print what two commands compile again after an edit of each file of EDITED."""
-    tree = folder / "tree"
-    for package in ("launchid_core", "sim", "launchid"):
-        shutil.copytree(HERE / package, tree / package, ignore=shutil.ignore_patterns("__pycache__"))
-    cache = folder / "edited"
-    cache.mkdir()
-    for words in (DOORS["simulate"], DOORS["diagnose"]):
-        spent(tree, words, cache, log)
-    cold = kernels(cache)
-    for name in EDITED:
-        with (tree / name).open("a") as file:
-            file.write("# a byte more\n")
-        before = kernels(cache)
-        for words in (DOORS["simulate"], DOORS["diagnose"]):
-            spent(tree, words, cache, log)
-        new = kernels(cache) - before
-        of_core = sum("launchid_core." in path.parent.name for path in new)
-        print(f"edit of {name:32} {len(new):4d} kernels of {len(cold)} again ({len(new) / len(cold):.0%}), "
-              f"{of_core} of them of the core", flush=True)
-
-
 def main() -> None:
     """Time the doors."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("doors", nargs="*", metavar="DOOR", help=f"{', '.join(DOORS)}, edit (default: all)")
-    parser.add_argument("--beside", type=Path, help="the other checkout")
-    parser.add_argument("--runs", type=int, default=3)
-    arguments = parser.parse_args()
-    doors = arguments.doors or [*DOORS, "edit"]
-    trees = [HERE] + ([arguments.beside.resolve()] if arguments.beside else [])
+    args = arguments(__doc__, beside="", runs=3, door=list(DOORS))
+    other = Path(args.beside or HERE).resolve()
+    table = Table("first 10", "processor [s] 6.1f", "wall [s] 6.1f", "over the other: processor 5.2f", "wall 5.2f")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         log = folder / "flight.csv"
         (folder / "first").mkdir()
         spent(HERE, f"simulate constant --seed 1 --out {log}", folder / "first", log)
-        for door in (door for door in doors if door != "edit"):
-            times: dict[Path, list[tuple[float, float]]] = {tree: [] for tree in trees}
-            for run in range(arguments.runs):
-                for tree in trees if run % 2 == 0 else trees[::-1]:
+        for door in args.door:
+            times: dict[Path, list[tuple[float, float]]] = {HERE: [], other: []}
+            for run in range(args.runs):
+                for tree in list(times)[::1 if run % 2 == 0 else -1]:
                     cache = Path(tempfile.mkdtemp(dir=folder))
                     times[tree].append(spent(tree, DOORS[door], cache, log))
                     shutil.rmtree(cache)
-            median = {tree: [statistics.median(column) for column in zip(*times[tree], strict=True)] for tree in trees}
-            ours, other = median[HERE], median[trees[-1]]
-            ratio = (f"   ratio {ours[0] / other[0]:.2f} processor, {ours[1] / other[1]:.2f} wall" if len(trees) > 1
-                     else "")
-            print(f"{door:10} {ours[0]:6.1f} s processor, {ours[1]:6.1f} s wall{ratio}", flush=True)
-        if "edit" in doors:
-            edits(folder, log)
+            ours, others = (np.median(times[tree], axis=0) for tree in (HERE, other))
+            table.row(door, *ours, *ours / others)
 
 
 if __name__ == "__main__":

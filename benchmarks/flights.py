@@ -1,15 +1,19 @@
-"""Flights for the benchmarks: dispersed vehicles, noise declared right or wrong, on all cores."""
+"""What the benchmarks share: options, flights of dispersed vehicles on all cores, their estimates, tables."""
 
+import argparse
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import numpy as np
 
-from sim.flight import is_whole
+from launchid.identification.windows import onboard_model, run
+from launchid_core import Config, Estimate, Tracked
+from sim.flight import Flight, is_whole
 from sim.nominal import Multisine, Nominal, Offsets, Wind, built_in, load_nominal
 
 NOMINALS = ("constant", "vega_like", "greensite_cr826")
@@ -20,21 +24,68 @@ WIND = Wind(walk=0.005, turbulence=0.005)
 TONES = (1.5, 3.1, 5.0, 7.2, 9.9, 13.0)  # rad/s, no two in a ratio of whole numbers, about the loop's bandwidth
 TEST_RMS = math.radians(0.5)             # of the multisine, rad
 WRONG_LEVEL = 2.0                        # a level is declared within this factor of the true one
+INTERVAL = 1.96                          # standard deviations of a 95 % interval
 FINEST = 0.0005                          # s: a step of the simulation for periods that its own does not divide
 
 
-def nominal(name: str, command_noise: float | None = None) -> Nominal:
-    """A built-in nominal, with another command noise [rad] if asked."""
-    loaded = load_nominal(built_in(name))
-    if command_noise is None:
-        return loaded
-    assert loaded.actuator is not None
-    return dataclasses.replace(loaded, actuator=dataclasses.replace(loaded.actuator, command_noise_std=command_noise))
+def arguments(doc: str, parts: Iterable[str] = (), **defaults: Any) -> argparse.Namespace:
+    """The options of a benchmark whose page is `doc`, one for each default: of a tuple the first is the default, the
+    others may be chosen; of a list all are, and any may be, of numbers others too.  `part`: which of the parts, if
+    there are any.  `seeds` are those of the flights from `seed` on."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    if parts:
+        parser.add_argument("part", choices=parts)
+    defaults["nominal"] = list(NOMINALS)
+    for name, default in defaults.items():
+        option = f"--{name.replace('_', '-')}"
+        if isinstance(default, bool):
+            parser.add_argument(option, action="store_true")
+        elif isinstance(default, list):
+            parser.add_argument(option, type=type(default[0]), action="append",
+                                choices=default if isinstance(default[0], str) else None)
+        elif isinstance(default, tuple):
+            parser.add_argument(option, choices=default, default=default[0])
+        else:
+            parser.add_argument(option, type=type(default), default=default)
+    args = parser.parse_args()
+    for name, default in defaults.items():
+        setattr(args, name, default if getattr(args, name) is None else getattr(args, name))
+    if "seed" in defaults:
+        args.seeds = range(args.seed, args.seed + args.flights)
+    return args
+
+
+class Table:
+    """A table on the terminal: `Table("nominal 16", "RMS/bound 9.3f")` prints its head, `row` a line.
+
+    A column is a heading and the format of its cells, of text the width alone.  missed: rows that miss their demand.
+    """
+
+    def __init__(self, *columns: str) -> None:
+        self.missed = 0
+        self.cells: list[str] = []
+        head = []
+        for column in columns:
+            heading, width, kind = re.fullmatch(r"(.*) (\d+)(.*)", column).groups()
+            place = f"{'>' if kind else '<'}{max(int(width), len(heading))}"
+            head.append(f"{heading:{place}}")
+            self.cells.append(place + kind)
+        print(*head)
+
+    def row(self, *cells: Any, good: bool = True) -> None:
+        """Print a line; one that is not good is MISSED."""
+        self.missed += not good
+        texts = [f"{cell:{form}}" for cell, form in zip(cells, self.cells, strict=True)]
+        print(*texts, "" if good else "MISSED", flush=True)
+
+
+def nominal(name: str) -> Nominal:
+    """A built-in nominal."""
+    return load_nominal(built_in(name))
 
 
 def at_rate(believed: Nominal, rate: float) -> Nominal:
     """The nominal with controller and sensors at another rate [Hz]; the noise of a draw stays."""
-    assert believed.controller is not None and believed.simulation is not None
     step = believed.simulation.step
     return dataclasses.replace(
         believed, controller=dataclasses.replace(believed.controller, period=1.0 / rate),
@@ -51,7 +102,6 @@ def multisine(duration: float) -> Multisine:
 
 def in_air(believed: Nominal, air: str) -> Nominal:
     """The nominal in one of AIRS."""
-    assert believed.simulation is not None
     return dataclasses.replace(
         believed, offsets=None if air == "calm" else OFFSETS, wind=WIND if air in ("wind", "excited") else None,
         test_input=multisine(believed.simulation.duration) if air == "excited" else None)
@@ -70,7 +120,6 @@ def with_levels(declared: Nominal, seed: int) -> Nominal:
 def with_noise(believed: Nominal, factors: np.ndarray) -> Nominal:
     """The vehicle whose five noise levels are `factors` times the declared ones."""
     s, a, m = believed.sensors, believed.actuator, believed.simulation
-    assert a is not None and m is not None
     return dataclasses.replace(
         believed,
         sensors=dataclasses.replace(s, theta_std=s.theta_std * factors[0], theta_dot_std=s.theta_dot_std * factors[1],
@@ -86,6 +135,19 @@ def draw(seed: int, spread: float, noise_spread: bool) -> tuple[np.ndarray, np.n
     low, high = math.log(0.67), math.log(1.5)
     factors = np.exp(rng.uniform(low, high, FACTORS)) if noise_spread else np.ones(FACTORS)
     return deviation, factors
+
+
+def estimates_of(flight: Flight, believed: Nominal, window: float, **choices: Any) -> list[Estimate]:
+    """The estimates of `filtered` on a flight, in windows of this length [s]."""
+    return run(Config(window=window, sample_period=flight.period, formulation="filtered",
+                      model=onboard_model(believed), **choices), flight.rows())[0]
+
+
+def relative(of: Sequence[Estimate | Tracked], a6: np.ndarray, k1: np.ndarray) -> np.ndarray:
+    """Errors of a6 and k1, then their standard deviations, relative to the truth: shape (n, 4)."""
+    rows = np.array([[each.a6, each.k1, each.a6_std, each.k1_std] for each in of]).reshape(-1, 4)
+    truth = np.column_stack([a6, k1])
+    return np.column_stack([rows[:, :2] - truth, rows[:, 2:]]) / np.tile(np.abs(truth), 2)
 
 
 def run_jobs(job: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:

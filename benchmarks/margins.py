@@ -1,10 +1,6 @@
 """Margins of flights: do their 95 % intervals hold the truth, do they warn, does the gate refuse what it must?
 
-    python benchmarks/margins.py coverage [--flights 100] [--seed 0] [--windows 5 10] [--nominals ...] [--air calm wind]
-    python benchmarks/margins.py warnings [--flights 200] [--seed 0]
-    python benchmarks/margins.py gate [--flights 100] [--seed 0] [--nominals ...]
-    python benchmarks/margins.py another [--flights 4] [--seed 0] [--nominals ...]
-    python benchmarks/margins.py clean [--flights 10] [--seed 0] [--nominals ...]
+    python benchmarks/margins.py coverage|warnings|gate|another|clean [--flights N] [--seed 0] [--nominal NAME]
 
 In the first three the servo is not known: it is declared with sigmas of 0.3, 0.3 and 0.02 s about the nominal's.
 
@@ -31,11 +27,12 @@ share of the windows that the estimator has numbers of and the tests of controll
 
 import argparse
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 from unittest import mock
 
 import numpy as np
-from flights import NOMINALS, at_rate, in_air, nominal, run_jobs
+from flights import INTERVAL, Table, arguments, at_rate, in_air, nominal, run_jobs
 
 import launchid
 from launchid.bound.flights import flight_bound
@@ -56,6 +53,7 @@ from sim.vehicle.step import advance
 SPREAD, SERVO_SPREAD, MOST_DELAY = 0.2, 0.3, 0.03
 SIGMA = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
 LOGGED = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot")
+AIRS, WINDOWS = ("calm", "wind"), (5.0, 10.0)  # s
 LEAST, MOST, RATIO_MOST = 0.93, 0.975, 1.15
 
 
@@ -65,7 +63,6 @@ def drawn(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
     frequency, damping = 1.0 + random.uniform(-SERVO_SPREAD, SERVO_SPREAD, 2)
     a6, k1 = 1.0 + random.uniform(-SPREAD, SPREAD, 2)
     servo = believed.actuator
-    assert servo is not None
     return dataclasses.replace(believed, actuator=dataclasses.replace(
         servo, natural_frequency=servo.natural_frequency * frequency, damping_ratio=servo.damping_ratio * damping,
         delay=float(random.uniform(0.0, MOST_DELAY)))), float(a6), float(k1)
@@ -73,7 +70,6 @@ def drawn(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
 
 def declared_unknown(vehicle: Nominal) -> Nominal:
     """A vehicle whose servo is declared with SIGMA."""
-    assert vehicle.actuator is not None
     return dataclasses.replace(vehicle, actuator=dataclasses.replace(vehicle.actuator, **SIGMA))
 
 
@@ -91,7 +87,6 @@ def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarra
     if flight.lost:
         return None
     made = launchid.margins(_columns(flight), declared_unknown(believed), window=window, tracked=True)
-    assert true.actuator is not None
     servo = np.array([true.actuator.natural_frequency, true.actuator.damping_ratio, true.actuator.delay])
     bound = flight_bound(declared_unknown(true), window, seed, a6_factor=a6_factor, k1_factor=k1_factor)
     known = flight_bound(true, window, seed, a6_factor=a6_factor, k1_factor=k1_factor)
@@ -113,25 +108,25 @@ def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarra
     return {of: np.array(x) for of, x in rows.items()} | {"servo": error[None]}
 
 
-def cell(name: str, air: str, window: float, flights: int, first: int) -> None:
-    """One line of the table."""
-    made = [each for each in run_jobs(judged, [(name, air, window, first + k) for k in range(flights)]) if each]
-    print(f"{name}, {air}, {window:g} s windows, {len(made)} flights")
-    for of in ("window", "tracked"):
-        rows = np.concatenate([each[of].reshape(-1, len(MARGIN_NAMES)) for each in made])
-        covered = rows.mean(axis=0)
-        missed = " MISSED" if ((covered < LEAST) | (covered > MOST)).any() else ""
-        print(f"  {of:<8} {len(rows):5d}: " + ", ".join(f"{margin} {100 * share:.1f} %" for margin, share in
-                                                         zip(MARGIN_NAMES, covered, strict=True)) + missed)
-    servo = np.concatenate([each["servo"] for each in made])
-    inside = (np.abs(servo) < 1.96).mean(axis=0)
-    print("  servo within 1.96 std: " + ", ".join(f"{100 * share:.0f} %" for share in inside)
-          + "; rms error over std: " + ", ".join(f"{x:.2f}" for x in np.sqrt((servo**2).mean(axis=0))))
-    ratio, cost = (np.concatenate([each[of].reshape(-1, 2) for each in made]) for of in ("ratio", "cost"))
-    rms = np.sqrt((ratio**2).mean(axis=0))
-    print(f"  error over the bound of the complete problem: a6 {rms[0]:.2f}, k1 {rms[1]:.2f}"
-          + (" MISSED" if (rms > RATIO_MOST).any() else "")
-          + f"; bound over a known servo's, median: a6 {np.median(cost[:, 0]):.3f}, k1 {np.median(cost[:, 1]):.3f}")
+def coverage(args: argparse.Namespace) -> None:
+    """Two lines for each nominal, air and window length, windows and tracked, and one of servo and bound."""
+    for name in args.nominal:
+        for air in AIRS:
+            for window in WINDOWS:
+                made = [each for each in run_jobs(judged, [(name, air, window, seed) for seed in args.seeds]) if each]
+                print(f"{name}, {air}, {window:g} s windows, {len(made)} flights")
+                of = {key: np.concatenate([each[key].reshape(-1, size) for each in made]) for key, size in (
+                    ("window", 4), ("tracked", 4), ("servo", 3), ("ratio", 2), ("cost", 2))}
+                table = Table("of 8", "windows 7d", *(f"{margin} 6.1%" for margin in MARGIN_NAMES))
+                for what in ("window", "tracked"):
+                    covered = of[what].mean(axis=0)
+                    table.row(what, len(of[what]), *covered, good=((covered >= LEAST) & (covered <= MOST)).all())
+                inside = (np.abs(of["servo"]) < INTERVAL).mean(axis=0)
+                servo, ratio = (np.sqrt((of[key]**2).mean(axis=0)) for key in ("servo", "ratio"))
+                cost, missed = np.median(of["cost"], axis=0), "MISSED" if (ratio > RATIO_MOST).any() else ""
+                print(f"  servo within {INTERVAL} std: {inside.round(2)}, rms error over std {servo.round(2)}\n"
+                      f"  a6, k1: rms error over the bound of the complete problem {ratio.round(2)} {missed}; bound "
+                      f"over a known servo's, median {cost.round(3)}", flush=True)
 
 
 LITTLE = 20.0         # degrees of phase margin
@@ -143,7 +138,6 @@ NAMED_LEAST, FALSE_MOST, REFUSED_LEAST = 0.95, 0.01, 0.95
 def margins_of_vehicle(vehicle: Nominal, a6: float, k1: float, gains: tuple[float, ...] = ()) -> np.ndarray:
     """The true margins (4,) of a6, k1 [1/s^2] behind a vehicle's servo."""
     servo, controller = vehicle.actuator, vehicle.controller
-    assert servo is not None and controller is not None
     row = np.array([[a6, k1, servo.natural_frequency, servo.damping_ratio, servo.delay]])
     return np.asarray(margin_table(loops(plants_of(row), controller, *gains))[0])
 
@@ -152,7 +146,6 @@ def slow_servo(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
     """A vehicle whose servo leaves less than LITTLE degrees, and is not beyond what keeps it stable."""
     _, a6, k1 = drawn(believed, seed)
     servo, random = believed.actuator, np.random.default_rng((920, seed))
-    assert servo is not None
     while True:
         late = dataclasses.replace(believed, actuator=dataclasses.replace(
             servo, natural_frequency=servo.natural_frequency * random.uniform(SLOWEST, 1.0),
@@ -185,18 +178,15 @@ def warned(is_slow: bool, seed: int) -> tuple[bool, bool, bool] | None:
         -low >= required.gain_db and high >= required.gain_db and phase >= required.phase_deg)
 
 
-def warnings(flights: int, first: int) -> None:
+def warnings(args: argparse.Namespace) -> None:
     """The two lines of `warnings`."""
-    seeds = range(first, first + flights)
-    slow, clean = ([each for each in run_jobs(warned, [(kind, seed) for seed in seeds]) if each]
+    slow, sound = ([each for each in run_jobs(warned, [(kind, seed) for seed in args.seeds]) if each]
                    for kind in (True, False))
-    named = np.mean([each[0] for each in slow])
-    print(f"less than {LITTLE:g} degrees: {100 * named:.1f} % of {len(slow)} flights named within two windows"
-          + (" MISSED" if named < NAMED_LEAST else ""))
-    keeps = [each for each in clean if each[2]]
-    false = np.mean([each[1] for each in keeps])
-    print(f"what is required is kept: {100 * false:.1f} % of {len(keeps)} flights with a window named"
-          + (" MISSED" if false > FALSE_MOST else ""))
+    keeps = [each for each in sound if each[2]]
+    named, false = np.mean([each[0] for each in slow]), np.mean([each[1] for each in keeps])
+    table = Table("vehicle 32", "flights 7d", "named 6.1%")
+    table.row(f"less than {LITTLE:g} degrees, two windows", len(slow), named, good=named >= NAMED_LEAST)
+    table.row("what is required is kept", len(keeps), false, good=false <= FALSE_MOST)
 
 
 def gated(name: str, scenario: str, seed: int) -> tuple[int, int, int, int, int]:
@@ -226,17 +216,16 @@ def gated(name: str, scenario: str, seed: int) -> tuple[int, int, int, int, int]
     return len(asked), len(little), len(flew), int(better), int(flown.lost)
 
 
-def gate(flights: int, first: int, names: list[str]) -> None:
+def gate(args: argparse.Namespace) -> None:
     """A line for each nominal and scenario."""
-    print(f"{'nominal':16} {'scenario':8} {'flights':>7} {'lost':>5} {'asked':>7} {'little':>7} {'flew':>5} "
-          f"{'legacy less':>11}")
-    for name in names:
+    table = Table("nominal 16", "scenario 8", "flights 7d", "lost 5d", "asked 7d", "little 7d", "flew 5d",
+                  "legacy less 11d")
+    for name in args.nominal:
         for scenario in SCENARIOS:
-            rows = np.array(run_jobs(gated, [(name, scenario, first + k) for k in range(flights)]))
-            asked, little, flew, better, lost = rows.sum(axis=0).tolist()
-            missed = flew - better > (1.0 - REFUSED_LEAST) * little
-            print(f"{name:16} {scenario:8} {flights:7d} {lost:5d} {asked:7d} {little:7d} {flew:5d} {better:11d}"
-                  + (" MISSED" if missed else ""))
+            rows = np.array(run_jobs(gated, [(name, scenario, seed) for seed in args.seeds]))
+            asked, little, flew, better, lost = rows.sum(axis=0)
+            table.row(name, scenario, len(rows), lost, asked, little, flew, better,
+                      good=flew - better <= (1.0 - REFUSED_LEAST) * little)
 
 
 # ---- the loop that flew
@@ -269,7 +258,6 @@ def flown(believed: Nominal, kind: str, name: str, seed: int) -> tuple[dict[str,
     """A log of another loop, the nominal that its margins are asked with, and the true vehicle at t [s] (None: its
     margins are not known)."""
     servo, controller = believed.actuator, believed.controller
-    assert servo is not None and controller is not None
     if kind == "controller":
         true = dataclasses.replace(believed, controller=CONTROLLERS[name](controller))
         late = 0.01 if name == "10 ms late" else 0.0
@@ -295,7 +283,6 @@ def flown(believed: Nominal, kind: str, name: str, seed: int) -> tuple[dict[str,
     first = round(CHANGE_AT / state.step)
     advance(vehicle, first, rows)
     new = after.actuator
-    assert new is not None
     state.frequency, state.damping, state.delay = new.natural_frequency, new.damping_ratio, new.delay
     state.pole = fastest_pole(state.frequency, state.damping)
     advance(vehicle, steps - first, rows)
@@ -329,19 +316,18 @@ def right(name: str, kind: str, regime: str, seed: int) -> tuple[int, int, float
     return len(made.windows), sum(not each.window.valid for each in made.windows), worst, where
 
 
-def another(flights: int, first: int, names: list[str]) -> None:
+def another(args: argparse.Namespace) -> None:
     """A line for each loop."""
     regimes = [*(("controller", each) for each in CONTROLLERS), *(("known", each) for each in CHANGE),
                *(("unknown", each) for each in CHANGE), *(("wrong", each) for each in WRONG)]
-    print(f"{'nominal':16} {'what':10} {'regime':18} {'windows':>7} {'refused':>7}  "
-          "largest error of the others, half-widths")
-    for name in names:
+    table = Table("nominal 16", "what 10", "regime 18", "windows 7d", "refused 7d", "largest error, half-widths 6.2f",
+                  "where 32")
+    for name in args.nominal:
         for kind, regime in regimes:
-            rows = run_jobs(right, [(name, kind, regime, first + k) for k in range(flights)])
+            rows = run_jobs(right, [(name, kind, regime, seed) for seed in args.seeds])
             worst = max(rows, key=lambda each: each[2])
-            windows, refused = (sum(each[k] for each in rows) for k in (0, 1))
-            print(f"{name:16} {kind:10} {regime:18} {windows:7d} {refused:7d}  {worst[2]:.2f}"
-                  + (f" ({worst[3]}) MISSED" if worst[2] > RIGHT else ""), flush=True)
+            table.row(name, kind, regime, sum(each[0] for each in rows), sum(each[1] for each in rows), *worst[2:],
+                      good=worst[2] <= RIGHT)
 
 
 def kept(name: str, air: str, rate: float, of_log: float, seed: int) -> tuple[int, int, int]:
@@ -357,44 +343,32 @@ def kept(name: str, air: str, rate: float, of_log: float, seed: int) -> tuple[in
     return len(valid), sum(k in tested.refused for k in valid), len(tested.assumed) - 1
 
 
-def clean(flights: int, first: int, names: list[str], airs: list[str]) -> None:
+def clean(args: argparse.Namespace) -> None:
     """A line for each nominal, air and rates."""
     total = np.zeros(3, int)
-    for name in names:
-        for air in airs:
+    table = Table("nominal 16", "air 5", "controller [Hz] 4g", "log [Hz] 4g", "windows 7d", "refused 7d",
+                  "tests not made 4d")
+    for name in args.nominal:
+        for air in AIRS:
             for rate, of_log in RATES:
-                jobs = [(name, air, rate, of_log, first + k) for k in range(flights)]
-                rows = np.array(run_jobs(kept, jobs)).sum(axis=0)
+                rows = np.sum(run_jobs(kept, [(name, air, rate, of_log, seed) for seed in args.seeds]), axis=0)
                 total += rows
-                print(f"{name:16} {air:5} controller {rate:3g} Hz, log {of_log:3g} Hz: {rows[0]:5d} windows, "
-                      f"{rows[1]:3d} refused, {rows[2]:3d} tests not made", flush=True)
+                table.row(name, air, rate, of_log, *rows)
     lost = total[1] / total[0]
-    print(f"{100 * lost:.2f} % of {total[0]} windows lost" + (" MISSED" if lost > LOST_MOST else ""))
+    print(f"{lost:.2%} of {total[0]} windows lost" + (" MISSED" if lost > LOST_MOST else ""))
+
+
+PARTS: dict[str, tuple[Callable[[argparse.Namespace], None], int]] = {
+    "coverage": (coverage, 100), "warnings": (warnings, 200), "gate": (gate, 100), "another": (another, 4),
+    "clean": (clean, 10)}  # and their flights where no other number is said
 
 
 def main() -> None:
     """The part that is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=["coverage", "warnings", "gate", "another", "clean"])
-    parser.add_argument("--flights", type=int)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--windows", type=float, nargs="+", default=[5.0, 10.0])
-    parser.add_argument("--nominals", nargs="+", default=list(NOMINALS))
-    parser.add_argument("--air", nargs="+", default=["calm", "wind"])
-    args = parser.parse_args()
-    if args.part == "warnings":
-        warnings(args.flights or 200, args.seed)
-    elif args.part == "gate":
-        gate(args.flights or 100, args.seed, args.nominals)
-    elif args.part == "another":
-        another(args.flights or 4, args.seed, args.nominals)
-    elif args.part == "clean":
-        clean(args.flights or 10, args.seed, args.nominals, args.air)
-    else:
-        for name in args.nominals:
-            for air in args.air:
-                for window in args.windows:
-                    cell(name, air, window, args.flights or 100, args.seed)
+    args = arguments(__doc__, PARTS, flights=0, seed=0)
+    part, flights = PARTS[args.part]
+    args.seeds = range(args.seed, args.seed + (args.flights or flights))
+    part(args)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,12 @@
 """The C port beside the Python estimator on one flight: time of an update, memory, code; and on emulated targets.
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/port.py [--repeats 20] [--flags -O2] [--targets-only] [--operations]
+    OPENBLAS_NUM_THREADS=1 python benchmarks/port.py [--repeats 20] [--targets-only] [--operations]
 
 Every sample's least time over the repeats (the machine may be shared); the longest are those that close a block or a
 window.  Python's include the call from the interpreter.  The second table needs arm-none-eabi-gcc and qemu-system-arm:
 instructions are counted by an emulator that knows no cache and no wait state, and are no bound on time.
 """
 
-import argparse
 import re
 import shutil
 import subprocess
@@ -17,18 +16,17 @@ import time
 from pathlib import Path
 
 import numpy as np
+from flights import arguments, nominal
+from latency import exported as in_c
 from port_operations import AT_MOST, COUNTED, FORMULAS, KERNELS, kernel_operations, operations, value
 from port_stack import graph_of
 
 from launchid.c_export.kit import exported
-from launchid.c_export.program import c_files
 from launchid.c_export.vectors import flown
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator, Sample
 from sim.flight import fly
-from sim.nominal import load_nominal
 
-HERE = Path(__file__).parent
 NOMINAL = "constant"
 SEED = 1
 ARM = "arm-none-eabi-gcc"
@@ -41,7 +39,7 @@ TARGETS = {  # name -> compiler, flags, the exported Makefile's target
 
 def configs() -> dict[str, Config]:
     """The configurations that are timed."""
-    model = onboard_model(load_nominal(NOMINAL))
+    model = onboard_model(nominal(NOMINAL))
     common = {"sample_period": 0.01, "window": 1.0}
     return {"filtered, rigid-body": Config(formulation="filtered", model=model, **common),
             "filtered, ten terms": Config(formulation="filtered", model=model, library="quadratic", **common),
@@ -61,34 +59,13 @@ def python_times(config: Config, samples: list[Sample], repeats: int) -> np.ndar
     return least
 
 
-def port_times(config: Config, samples: list[Sample], repeats: int, flags: list[str]) -> tuple[np.ndarray, int, int]:
-    """Least time [ns] of each update; bytes of the struct, and of the code and its constants."""
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in c_files(config).items():
-            (Path(folder) / name).write_text(text, encoding="utf-8")
-        build = ["cc", "-std=c99", "-ffp-contract=off", *flags]
-        for what in (["-c", "launchid.c"], ["-I.", str(HERE / "port.c"), "launchid.o", "-lm", "-o", "bench"]):
-            subprocess.run([*build, *what], cwd=folder, check=True)
-        sizes = subprocess.run(["size", "launchid.o"], cwd=folder, capture_output=True, text=True, check=True)
-        text = "".join(" ".join(repr(float(x)) for x in sample) + "\n" for sample in samples)
-        done = subprocess.run(["./bench", str(repeats)], cwd=folder, input=text, capture_output=True, text=True,
-                              check=True)
-    first, *rest = done.stdout.split()
-    return np.array([float(x) for x in rest]), int(first), sum(map(int, sizes.stdout.splitlines()[1].split()[:2]))
-
-
 def main() -> int:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--repeats", type=int, default=20)
-    parser.add_argument("--flags", nargs="+", default=["-O2"])
-    parser.add_argument("--targets-only", action="store_true", help="without the times on this machine")
-    parser.add_argument("--operations", action="store_true", help="instead of times, what is computed")
-    args = parser.parse_args()
+    """Print the tables; exit status 1 if a formula does not hold."""
+    args = arguments(__doc__, repeats=20, targets_only=False, operations=False)
     if args.operations:
         return print_operations()
     if not args.targets_only:
-        print_times(args)
+        print_times(args.repeats)
     print_targets()
     return 0
 
@@ -109,7 +86,7 @@ def print_operations() -> int:
             same = said == found or (name in AT_MOST and bool(np.all(np.array(found) <= np.array(said, float))))
             wrong += not same
             print(f"| `{name}` | {' | '.join(FORMULAS[name])} | {'yes' if same else 'NO'} |")
-    samples = list(fly(load_nominal(NOMINAL), seed=SEED))
+    samples = list(fly(nominal(NOMINAL), seed=SEED))
     print(f"\n| {NOMINAL}, seed {SEED}, windows of 1 s: an update | {names} |\n|---|---|---|---|---|---|")
     for name, config in configs().items():
         counts = operations(config, samples)[1][:, stated]
@@ -119,23 +96,20 @@ def print_operations() -> int:
     return int(wrong > 0)
 
 
-def print_times(args: argparse.Namespace) -> None:
+def print_times(repeats: int) -> None:
     """Print the times of an update on this machine."""
-    samples = list(fly(load_nominal(NOMINAL), seed=SEED))
-    print(f"{NOMINAL}, seed {SEED}, {len(samples)} samples at 100 Hz, windows of 1 s, cc {' '.join(args.flags)}; "
-          "us an update: mean, longest")
+    samples = list(fly(nominal(NOMINAL), seed=SEED))
+    print(f"{NOMINAL}, seed {SEED}, {len(samples)} samples at 100 Hz, windows of 1 s, -O2; us an update: mean, longest")
     print("| | C | Python | ratio of means | struct, bytes | code, bytes |\n|---|---|---|---|---|---|")
     for name, config in configs().items():
-        ours = python_times(config, samples, args.repeats) / 1e3
-        port, struct, code = port_times(config, samples, args.repeats, args.flags)
-        port /= 1e3
+        ours = python_times(config, samples, repeats) / 1e3
+        port, struct, code = in_c(config, samples, repeats, flags=("-O2",))
         print(f"| {name} | {port.mean():.2f}, {port.max():.1f} | {ours.mean():.2f}, {ours.max():.1f} "
               f"| {ours.mean() / port.mean():.1f} | {struct} | {code} |")
 
 
 def print_targets() -> None:
     """Code, memory, stack and instructions on the targets, and whether the bits are Python's."""
-    nominal = load_nominal(NOMINAL)
     print("\n| target, -O2 | | bits against Python's | code and constants, state, scratch, bytes "
           "| stack of the deepest call: computed, seen | instructions an update: mean, longest |\n"
           "|---|---|---|---|---|---|")
@@ -145,7 +119,7 @@ def print_targets() -> None:
             continue
         for name, config in configs().items():
             with tempfile.TemporaryDirectory() as folder:
-                for file, text in exported(config, flown(nominal, config)).items():
+                for file, text in exported(config, flown(nominal(NOMINAL), config)).items():
                     (Path(folder) / file).write_text(text, encoding="utf-8")
                 print(f"| {target} | {name} | {' | '.join(on_target(Path(folder), compiler, flags, check))} |")
 
@@ -157,7 +131,6 @@ def on_target(folder: Path, compiler: str, flags: list[str], check: str) -> list
     sizes = subprocess.run([tool, "stack.o"], cwd=folder, capture_output=True, text=True, check=True).stdout
     code = sum(map(int, sizes.splitlines()[1].split()[:2]))
     memory = re.search(r"(\d+) bytes persist, (\d+) are scratch", (folder / "README.md").read_text(encoding="utf-8"))
-    assert memory is not None
     said = subprocess.run(["make", "-s", check or "check"], cwd=folder, capture_output=True, text=True,
                           check=False).stdout
     seen = re.search(r"stack at most (\d+) bytes; (\d+) instructions, longest (\d+)", said)

@@ -50,29 +50,24 @@ def file_name(command: str) -> str:
     return re.sub(r"[^\w.=-]+", "_", command.split("benchmarks/", 1)[1]) + ".txt"
 
 
-def figures_of_tables(text: str) -> list[str]:
-    """The figures in the cells of the tables of a text, but for those of their first column."""
-    rows = [line for line in text.splitlines() if line.startswith("|") and not line.startswith("|---")]
-    return [figure for row in rows for cell in row.strip("|").split("|")[1:] for figure in FIGURE.findall(cell)]
-
-
 def missing(section: Section, printed: str) -> list[str]:
-    """The figures of a section's tables that are not among the printed numbers: equal as numbers, or as per cent."""
-    known = {number(figure) for figure in FIGURE.findall(printed)}
-    known |= {round(100.0 * value, 6) for value in known}
-    return [figure for figure in figures_of_tables(section.text)
-            if not any(abs(number(figure) - value) <= half_a_digit(figure) for value in known)]
+    """The figures in the cells of a section's tables, but for the first column, that are not among the printed numbers:
+    equal as numbers, or as per cent, to half of their last digit."""
+    known = {value * factor for value in map(number, FIGURE.findall(printed)) for factor in (1.0, 100.0)}
+    rows = [line for line in section.text.splitlines() if line.startswith("|") and not line.startswith("|---")]
+    figures = [figure for row in rows for cell in row.strip("|").split("|")[1:] for figure in FIGURE.findall(cell)]
+    absent = []
+    for figure in figures:
+        digits, _, exponent = figure.replace(",", "").partition("e")
+        half = 0.501 * 10.0**(int(exponent or 0) - len(digits.partition(".")[2]))
+        if not any(abs(number(figure) - value) <= half for value in known):
+            absent.append(figure)
+    return absent
 
 
 def number(figure: str) -> float:
     """The value of a figure as it is written, commas between thousands."""
     return float(figure.replace(",", ""))
-
-
-def half_a_digit(figure: str) -> float:
-    """Half of a figure's last digit, by which it may be rounded."""
-    digits, _, exponent = figure.replace(",", "").partition("e")
-    return 0.501 * 10.0**(int(exponent or 0) - len(digits.partition(".")[2]))
 
 
 def run(command: str, out: Path) -> bool:

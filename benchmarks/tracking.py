@@ -23,14 +23,11 @@ import math
 import sys
 
 import numpy as np
-from flights import NOMINALS, OFFSETS, WIND, nominal, run_jobs
+from flights import INTERVAL, OFFSETS, WIND, Table, arguments, estimates_of, nominal, relative, run_jobs
 
 from launchid.bound.flights import acting_command, noise_variances, servo_of
-from launchid.bound.information import window_information
-from launchid.bound.matrices import without_offset
+from launchid.bound.information import window_information, without_offset
 from launchid.bound.world import world_of
-from launchid.identification.windows import onboard_model, run
-from launchid_core import Config
 from sim.flight import Flight, fly_whole, parameters
 from sim.nominal import Nominal
 
@@ -38,7 +35,6 @@ START = 20.0         # s
 WINDOW = 5.0         # s
 SPREAD = 0.2
 AMPLITUDE, PERIOD = 0.1, 60.0
-INTERVAL = 1.96
 SETTLED = 30.0       # s, from which being prepared is judged
 READ = 1.0           # s, how often the tracked estimate is read there
 MOST_COST = 1.5
@@ -62,39 +58,29 @@ def vehicle(seed: int, kind: str) -> dict[str, object]:
 
 
 def job(name: str, seed: int, kind: str) -> np.ndarray:
-    """Rows: t_end, relative errors of tracked a6, k1 and of the window's, their stds in the same order, validity of the
-    window's and of the tracked."""
+    """Rows: t_end, of the tracked what `relative` gives and whether it is valid, the same of the window."""
     believed = nominal(name)
     factors = vehicle(seed, kind)
     flight = fly_whole(believed, seed, **factors)
-    config = Config(window=WINDOW, sample_period=flight.period, formulation="filtered", model=onboard_model(believed))
-    estimates, _ = run(config, flight.rows())
-    end = np.array([e.t_end for e in estimates])
-    centre = end - 0.5 * WINDOW
-    truth = np.column_stack([*parameters(believed, end, **factors), *parameters(believed, centre, **factors)])
-    rows = [[e.tracked.a6, e.tracked.k1, e.a6, e.k1, e.tracked.a6_std, e.tracked.k1_std, e.a6_std, e.k1_std]
-            for e in estimates if e.tracked is not None]
-    table = np.array(rows)
-    valid = np.array([[e.valid, e.tracked is not None and e.tracked.valid] for e in estimates])
-    return np.column_stack([end, table[:, :4] / truth - 1.0, table[:, 4:] / np.abs(truth), valid])
+    estimates = [e for e in estimates_of(flight, believed, WINDOW) if e.tracked is not None]
+    end, columns = np.array([e.t_end for e in estimates]), []
+    for of, at in (([e.tracked for e in estimates], end), (estimates, end - 0.5 * WINDOW)):
+        columns += [relative(of, *parameters(believed, at, **factors)), [each.valid for each in of]]
+    return np.column_stack([end, *columns])
 
 
 def prepared_job(name: str, seed: int) -> list[np.ndarray]:
-    """One flight in calm air, nothing and wind and offsets declared: rows (relative errors of tracked a6, k1, their
-    standard deviations) after SETTLED."""
+    """One flight in calm air, nothing and wind and offsets declared: what `relative` gives of the tracked estimates
+    after SETTLED."""
     calm = nominal(name)
     factors = vehicle(seed, "constant")
     flight = fly_whole(calm, seed, **factors)
     tables = []
     for believed in (calm, dataclasses.replace(calm, wind=WIND, offsets=OFFSETS)):
-        config = Config(window=READ, sample_period=flight.period, formulation="filtered",
-                        model=onboard_model(believed))
-        told = [(e.t_end, e.tracked) for e in run(config, flight.rows())[0]
+        told = [e for e in estimates_of(flight, believed, READ)
                 if e.t_end > SETTLED and e.tracked is not None and e.tracked.valid]
-        a6, k1 = parameters(calm, np.array([t for t, _ in told]), **factors)
-        rows = np.array([[x.a6, x.k1, x.a6_std, x.k1_std] for _, x in told]).reshape(-1, 4)
-        table = rows / np.column_stack([a6, k1, a6, np.abs(k1)])
-        tables.append(table - [1.0, 1.0, 0.0, 0.0])
+        truth = parameters(calm, np.array([e.t_end for e in told]), **factors)
+        tables.append(relative([e.tracked for e in told], *truth))
     return tables
 
 
@@ -121,59 +107,45 @@ def bound_job(name: str, seed: int) -> np.ndarray:
                   axis=0)
 
 
-def prepared(names: tuple[str, ...], flights: int, seed: int) -> int:
-    """Print what being prepared costs; returns how many ratios miss the demand."""
-    missed = 0
-    print(f"flights {flights}, seeds from {seed}, calm air, 100 Hz, t > {SETTLED:g} s; tracked RMS with wind and "
-          "offsets declared over that with nothing declared")
-    for name in names:
-        results = run_jobs(prepared_job, [(name, seed + k) for k in range(flights)])
-        plain, ready = (np.concatenate([tables[k] for tables in results]) for k in range(2))
-        bounds = np.sum(run_jobs(bound_job, [(name, seed + k) for k in range(min(flights, BOUND_FLIGHTS))]), axis=0)
+def prepared(args: argparse.Namespace) -> Table:
+    """The table of what being prepared costs."""
+    table = Table("nominal 16", "of 3", "calm RMS 8.2%", "prepared 8.2%", "ratio 6.2f", "of the bounds 6.2f",
+                  "covers 6.3f", "of 6d")
+    for name in args.nominal:
+        flights = [(name, seed) for seed in args.seeds]
+        plain, ready = map(np.concatenate, zip(*run_jobs(prepared_job, flights), strict=True))
+        bounds = np.sum(run_jobs(bound_job, flights[:BOUND_FLIGHTS]), axis=0)
         for p, label in enumerate(("a6", "k1")):
-            rms, ready_rms = (math.sqrt(np.mean(table[:, p]**2)) for table in (plain, ready))
-            good = ready_rms <= MOST_COST * rms
-            missed += not good
-            print(f"{name:16} {label:3} {100 * rms:6.2f}% {100 * ready_rms:6.2f}%  ratio {ready_rms / rms:5.2f}, of "
-                  f"the bounds {math.sqrt(bounds[1, p] / bounds[0, p]):5.2f}; cover "
-                  f"{np.mean(np.abs(ready[:, p] / ready[:, 2 + p]) < INTERVAL):.3f} of {len(ready)}"
-                  f"{'' if good else '  MISSED'}", flush=True)
-    return missed
+            rms, ready_rms = np.sqrt(np.mean(plain[:, p]**2)), np.sqrt(np.mean(ready[:, p]**2))
+            table.row(name, label, rms, ready_rms, ready_rms / rms, math.sqrt(bounds[1, p] / bounds[0, p]),
+                      np.mean(np.abs(ready[:, p] / ready[:, 2 + p]) < INTERVAL), len(ready),
+                      good=ready_rms <= MOST_COST * rms)
+    return table
+
+
+def tracked(args: argparse.Namespace) -> Table:
+    """The table of what the tracked estimate is worth, beside the windows'."""
+    table = Table("nominal 16", "deviation 9", "of 3", "tracked RMS 7.2%", "window's 7.2%", "ratio 6.2f",
+                  "covers 6.3f", "window's 6.3f", "valid 6.3f")
+    for name in args.nominal:
+        for kind in ("constant", "drifting", "common"):
+            rows = np.concatenate(run_jobs(job, [(name, seed, kind) for seed in args.seeds]))
+            rows = rows[rows[:, 0] > START]
+            both = [of[of[:, 4] == 1] for of in (rows[:, 1:6], rows[:, 6:])]
+            for p, label in enumerate(("a6", "k1")):
+                rms, window_rms = (np.sqrt(np.mean(of[:, p]**2)) for of in both)
+                covers = [np.mean(np.abs(of[:, p] / of[:, 2 + p]) < INTERVAL) for of in both]
+                good = {"constant": rms <= 0.5 * window_rms and covers[0] >= 0.93,
+                        "drifting": rms <= 0.06 and covers[0] >= 0.8, "common": True}[kind]
+                table.row(name, kind, label, rms, window_rms, rms / window_rms, *covers, np.mean(rows[:, 5]),
+                          good=good)
+    return table
 
 
 def main() -> int:
     """Run and print; exit status 1 if a demand is missed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--flights", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--prepared", action="store_true", help="what being prepared for wind costs in calm air")
-    parser.add_argument("--nominal", choices=NOMINALS, action="append")
-    args = parser.parse_args()
-    names = tuple(args.nominal or NOMINALS)
-    if args.prepared:
-        return int(prepared(names, args.flights, args.seed) > 0)
-    print(f"flights {args.flights}, seeds from {args.seed}, 100 Hz, noise estimated, windows {WINDOW:g} s, "
-          f"t > {START:g} s")
-    print(f"{'nominal':16} {'deviation':9} {'':3} {'tracked RMS':>11} {'window RMS':>10} {'ratio':>6} {'coverage':>8} "
-          f"{'window coverage':>15} {'valid':>6}")
-    missed = 0
-    for name in names:
-        for kind in ("constant", "drifting", "common"):
-            table = np.concatenate(run_jobs(job, [(name, args.seed + k, kind) for k in range(args.flights)]))
-            table = table[table[:, 0] > START]
-            valid, told = table[:, 9] == 1, table[:, 10] == 1
-            for p, label in enumerate(("a6", "k1")):
-                error, own = table[told, 1 + p], table[valid, 3 + p]
-                rms, window_rms = math.sqrt(np.mean(error**2)), math.sqrt(np.mean(own**2))
-                coverage = float(np.mean(np.abs(error / table[told, 5 + p]) < INTERVAL))
-                own_coverage = float(np.mean(np.abs(own / table[valid, 7 + p]) < INTERVAL))
-                good = {"constant": rms <= 0.5 * window_rms and coverage >= 0.93,
-                        "drifting": rms <= 0.06 and coverage >= 0.8, "common": True}[kind]
-                missed += not good
-                print(f"{name:16} {kind:9} {label:3} {100 * rms:10.2f}% "
-                      f"{100 * window_rms:9.2f}% {rms / window_rms:6.2f} {coverage:8.3f} {own_coverage:15.3f} "
-                      f"{np.mean(told):6.3f} {'' if good else 'MISSED'}", flush=True)
-    return int(missed > 0)
+    args = arguments(__doc__, flights=100, seed=0, prepared=False)
+    return int((prepared if args.prepared else tracked)(args).missed > 0)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from sim.nominal import Nominal
 from sim.sections import Multisine
 
 from .bound.flights import flight_information
-from .bound.matrices import bounds_of
+from .bound.information import bounds_of
 
 HIGHEST_FREQUENCY = 12.0  # rad/s: above it the attitude hardly moves and bending modes begin
 MAX_HARMONICS = 12

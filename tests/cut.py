@@ -1,4 +1,7 @@
-"""Memory of an estimator before its first sample, for tests of single kernels."""
+"""Memory of an estimator before its first sample, for tests of single kernels.
+
+Seals that fit a state which a test has changed by hand: else the estimator would begin anew.
+"""
 
 from typing import Any, NamedTuple
 
@@ -6,6 +9,8 @@ import numpy as np
 
 from launchid_core import Config, Estimator
 from launchid_core.algebra.compress import first_state
+from launchid_core.gate import guard
+from launchid_core.gate import ring as rb
 from launchid_core.order import onboard
 from launchid_core.order.assembly import Memory, allocate
 from launchid_core.order.memory import dtype_of, members
@@ -47,3 +52,45 @@ def flip(array: np.ndarray, place: int, bit: int) -> None:
     """One bit of the array's number `place` becomes the other; the array may have gaps in memory."""
     at = np.unravel_index(place, array.shape)
     array.view(np.int64)[at] ^= np.uint64(1 << bit).astype(np.int64)
+
+
+WORD = 2**64
+
+
+def mixed(seal: int) -> int:
+    """A step of xorshift64."""
+    seal ^= seal << 13 & WORD - 1
+    seal ^= seal >> 7
+    return seal ^ (seal << 17 & WORD - 1)
+
+
+def folded(*arrays: np.ndarray) -> int:
+    """The seal of all words of these arrays, in whole numbers of Python."""
+    words = np.concatenate([np.ascontiguousarray(x).view(np.int64).ravel() for x in arrays]).tolist()
+    seal = 0
+    for k, word in enumerate(words):
+        seal = mixed(seal) if k % 64 == 0 else seal
+        turned = (word % WORD) << k % 64
+        seal ^= turned % WORD | turned // WORD
+    return seal
+
+
+def carried(memory) -> int:
+    """The seal of what a memory carries on, as it stands in the guard."""
+    seal = folded(memory.words)
+    if memory.struct is FILTERED:
+        inner = 0
+        for row in memory.apart["rows"][:, :memory.parts.state.acc.counts[0]]:
+            inner = mixed(inner) ^ folded(row)
+        seal = mixed(seal) ^ inner
+    return signed(seal)
+
+
+def signed(seal: int) -> int:
+    return seal - WORD if seal >= WORD // 2 else seal
+
+
+def reseal(estimator: Estimator) -> None:
+    memory, state = estimator._memory, estimator._memory.parts.state
+    state.guard[guard.CONTROL] = signed(folded(state.clock, state.counts[:rb.COUNT_FIRST]))
+    state.guard[guard.CARRIED] = carried(memory)

@@ -7,8 +7,7 @@ import numpy as np
 from sim.flight import Factor, Flight, fly_whole, parameters
 from sim.nominal import Nominal
 
-from .information import N_UNKNOWN, WITH_SERVO, window_information
-from .matrices import Bound, bounds_of, with_prior, without_offset
+from .information import N_UNKNOWN, WITH_SERVO, Bound, bounds_of, window_information, with_prior, without_offset
 from .step import FIRST_ORDER
 from .world import world_of
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
-from .folding import Fact, extents_of
+from .folding import Fact, extents_of, walk
 from .inference import BY_HAND, TESTS, Inference, indices, is_unsigned, of_module, whole_number
 from .kinds import (
     DIMENSIONS,
@@ -31,7 +31,6 @@ from .kinds import (
     join,
     literal,
 )
-from .scopes import walk
 
 # how tightly they bind
 ATOM, UNARY, PRODUCT, SUM, PRECEDENCE_OF_ORDER, EQUALITY, AND, OR, CHOICE = 20, 14, 13, 12, 10, 9, 5, 4, 3

@@ -1,15 +1,16 @@
 """What is known of an expression before flight: its number, the numbers of an array that never changes, or extents.
 
 Facts come from the configuration (fields of `Size`, the fixed struct, tables), from constants of modules and, for an
-argument, from what every call of the kernel gives it (`unit.Unit`).  What they decide is not written in C: a condition
-is its answer, a branch that it excludes is gone, and so is a loop of no turns.  What an index that is not known chooses
-from a table is one of several (`Among`): it decides a test that has one answer for all of them.
+argument, from what every call of the kernel gives it (`program.Unit`).  What they decide is not written in C: a
+condition is its answer, a branch that it excludes is gone, and so is a loop of no turns.  What an index that is not
+known chooses from a table is one of several (`Among`): it decides a test that has one answer for all of them.
 """
 
 import ast
 import itertools
 import math
 import operator
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .kinds import INTEGER, TRUTH, Array, Known, Struct
-from .scopes import walk
 
 if TYPE_CHECKING:
     from .inference import Inference
@@ -33,6 +33,34 @@ OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
 CALLS: dict[str, Callable[..., Any]] = {
     "abs": abs, "min": min, "max": max, "int": int, "float": float, "np.isfinite": np.isfinite, "np.isnan": np.isnan,
     "np.isinf": np.isinf}
+
+
+def walk(tree: ast.AST) -> list[ast.AST]:
+    """The nodes of `ast.walk`, statements in its order; those of an expression, which nobody changes, and of a function
+    are collected once: who takes statements out of a function says so by `changed`."""
+    known: list[ast.AST] | None = tree.__dict__.get("nodes")
+    if known is not None:
+        return known
+    if isinstance(tree, ast.expr):
+        known = tree.__dict__["nodes"] = list(ast.walk(tree))
+        return known
+    found, waiting = list[ast.AST](), deque([tree])
+    while waiting:
+        node = waiting.popleft()
+        found.append(node)
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.expr):
+                found += walk(child)
+            else:
+                waiting.append(child)
+    if isinstance(tree, ast.FunctionDef):
+        tree.__dict__["nodes"] = found
+    return found
+
+
+def changed(tree: ast.FunctionDef) -> None:
+    """Forget the nodes of a function whose statements are others now."""
+    tree.__dict__.pop("nodes", None)
 
 
 @dataclass(frozen=True)

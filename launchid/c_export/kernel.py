@@ -4,12 +4,12 @@ import ast
 import inspect
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from typing import Any
 
 from .expressions import SYMBOLS, UNARY, Expressions, times, word
-from .folding import Fact, extents_of
+from .folding import Fact, changed, extents_of, walk
 from .inference import Inference, indices
 from .kinds import (
     DIMENSIONS,
@@ -25,7 +25,6 @@ from .kinds import (
     Untranslatable,
     Whole,
 )
-from .scopes import changed, first_assignments, walk
 
 INDENT = "    "
 ZERO: dict[Kind, str] = {FLOAT: "0.0", INTEGER: "0", TRUTH: "false"}
@@ -34,6 +33,7 @@ UNUSED_NAME = "_"
 TURNS_TRIED = 16       # turns of a loop that are gone through to see whether a test in it has one answer
 PURE = {"modulo", "quotient", "counted", "as_real", "as_whole", "fabs", "sqrt", "floor", "min_double", "max_double",
         "min_integer", "max_integer"}
+Block = tuple[int, ...]
 CHANGED_ARGUMENT = "{}_given"  # an argument that the kernel changes: its own copy has the name
 
 
@@ -48,10 +48,8 @@ def typed(c: str, name: str) -> str:
     return f"{c}{name}" if c.endswith("*") else f"{c} {name}"
 
 
-def comment_of(about: str | None) -> str:
+def comment_of(about: str) -> str:
     """A docstring as a comment."""
-    if not about:
-        return ""
     lines = about.replace("//", "/ /").replace("/*", "/ *").replace("*/", "* /").split("\n")
     return "\n   ".join([f"/* {lines[0]}", *lines[1:]]).replace("\n   \n", "\n\n") + " */\n"
 
@@ -93,6 +91,50 @@ def _source(function: Callable[..., Any]) -> str:
     return textwrap.dedent(inspect.getsource(function))
 
 
+# ---- where variables can be declared: at their first assignment, in the block that holds all uses
+
+
+def _statements(body: list[ast.stmt], block: Block) -> Iterator[tuple[Block, ast.stmt]]:
+    """Every statement with the blocks it is in, outermost first, in the order of the text."""
+    for node in body:
+        yield block, node
+        for inner in ("body", "orelse"):
+            yield from _statements(getattr(node, inner, []), (*block, id(getattr(node, inner, None))))
+
+
+def _own_names(node: ast.stmt) -> Iterator[ast.Name]:
+    """Names of a statement itself, not of the blocks in it."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.expr):
+            yield from (each for each in walk(child) if isinstance(each, ast.Name))
+
+
+def _common(a: Block, b: Block) -> Block:
+    shared = 0
+    while shared < min(len(a), len(b)) and a[shared] == b[shared]:
+        shared += 1
+    return a[:shared]
+
+
+def first_assignments(function: ast.FunctionDef) -> dict[int, set[str]]:
+    """id of an assignment -> names that it may declare: it comes first, reads none of them, and all other uses are in
+    its block."""
+    home: dict[str, Block] = {}
+    first: dict[str, tuple[Block, ast.stmt]] = {}
+    for block, node in _statements(function.body, ()):
+        inside = (*block, id(node.body)) if isinstance(node, ast.For) else block
+        for name in _own_names(node):
+            at = inside if isinstance(node, ast.For) and name is node.target else block
+            home[name.id] = _common(home[name.id], at) if name.id in home else at
+            first.setdefault(name.id, (at, node))
+    found: dict[int, set[str]] = {}
+    for variable, (block, node) in first.items():
+        reads = {name.id for name in _own_names(node) if isinstance(name.ctx, ast.Load)}
+        if isinstance(node, ast.Assign) and block == home[variable] and variable not in reads:
+            found.setdefault(id(node), set()).add(variable)
+    return found
+
+
 class Kernel:
     """A kernel for one choice of its arguments' kinds."""
 
@@ -123,6 +165,9 @@ class Kernel:
                 self.kinds = Inference(self.unit, self.tree, self.around, self.arguments, self.given)
                 self._drop_unread()
                 self.tree.body = self._alive(self.tree.body)
+                if len(self.tree.body) > 1 and isinstance(self.tree.body[-1], ast.Return) \
+                        and self.tree.body[-1].value is None:
+                    self.tree.body.pop()
                 changed(self.tree)
             self.local_arrays = self._local_arrays()
             self.first = first_assignments(self.tree)
@@ -217,7 +262,8 @@ class Kernel:
                for name, kind in given.items() if name in stored]
         body = "\n".join([*own, *self.lines])
         head = f"static {typed(self.unit.c(result), self.name)}({arguments})"
-        return f"{comment_of(ast.get_docstring(self.tree))}{head}\n{{\n{body}\n}}\n"
+        about = f"{ast.get_docstring(self.tree) or ''} [{self.module.removeprefix('launchid_core.')}]".lstrip()
+        return f"{comment_of(about)}{head}\n{{\n{body}\n}}\n"
 
     # ---- variables
 
@@ -325,10 +371,30 @@ class Kernel:
             end = self._temporary("end")
             self._line(depth, f"const int64_t {end} = {self.c(high)};")
         i = self._temporary("pass") if node.target.id == UNUSED_NAME else word(node.target.id)
+        most = self._most_turns(node, node.target.id)
+        if most > 0:
+            self._line(depth, f"/*@ loop unroll {most}; */")
         self._line(depth, f"for (int64_t {i} = {low}; {i} {'<' if step > 0 else '>'} {end}; "
                           f"{i}{'++' if step > 0 else '--'}) {{")
         self._block(node.body, depth + 1)
         self._line(depth, "}")
+
+    def _most_turns(self, loop: ast.For, name: str) -> int:
+        """How often a loop that counts can turn, by the arrays that its variable indexes: for Frama-C, which holds no
+        bound of the count otherwise; 0 of other loops."""
+        nodes = walk(loop)
+        counts = any(isinstance(each, ast.AugAssign) and isinstance(each.target, ast.Name)
+                     and self.kinds.of(each.target) == INTEGER for each in nodes)
+        if not counts or self.kinds.facts.turns(loop) is not None:
+            return 0
+        extents = [0]
+        for each in nodes:
+            kind = self.kinds.of(each.value) if isinstance(each, ast.Subscript) else None
+            if isinstance(each, ast.Subscript) and isinstance(kind, Array):
+                known = extents_of(self.kinds.facts(each.value), kind.dimensions)
+                extents += [n for n, at in zip(known, indices(each), strict=False)
+                            if n is not None and any(isinstance(x, ast.Name) and x.id == name for x in walk(at))]
+        return max(extents)
 
     def _refuse_reading_after(self, loop: ast.For, name: str) -> None:
         """A loop's variable lives in the loop: Python's keeps its last value."""

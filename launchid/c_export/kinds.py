@@ -179,7 +179,7 @@ class Called(Protocol):
 
 
 class Whole(Protocol):
-    """The C file being made, as the translation of one kernel sees it (`unit.Unit`)."""
+    """The C file being made, as the translation of one kernel sees it (`program.Unit`)."""
 
     def kernel(self, dispatcher: Any, kinds: Iterable[Kind], given: Callable[[], list[Any]] | None = None) -> Called:
         """The translation of another kernel for arguments of these kinds, of which a call says what is `given`."""

@@ -1,10 +1,17 @@
-"""An estimator as C files: what is fixed, what persists and scratch as structs, and its two kernels."""
+"""An estimator as C files: what is fixed, what persists and scratch as structs, and its two kernels.
 
+`Unit` is the C file being made: its structs, constants and functions, each after what it needs.
+"""
+
+import ast
+import hashlib
+import inspect
+import math
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from string import Template
 from types import ModuleType
@@ -12,12 +19,24 @@ from typing import Any
 
 import numpy as np
 
-from launchid_core import EDGES, Config, EstimateStatus, Port, Status, port_of
+from launchid_core import EDGES, Config, EstimateStatus, Port, Status, __version__, port_of
 
 from .expressions import EXACT_FUNCTIONS
-from .folding import Fact
-from .kinds import ELEMENTS, FLOAT, Array, Kind, Struct, array_types, literal, struct_of
-from .unit import Key, Unit
+from .folding import Fact, differ, shared
+from .kernel import Kernel, typed
+from .kinds import (
+    ELEMENTS,
+    FLOAT,
+    Array,
+    Kind,
+    Known,
+    Scalar,
+    Struct,
+    array_types,
+    kind_of,
+    literal,
+    struct_of,
+)
 
 TEMPLATES = Path(__file__).parent / "template"
 NUMBERS_A_LINE = 6
@@ -26,6 +45,8 @@ STACK_LIMIT = 2048     # bytes of the deepest call at -O2; tests/launchid/c_expo
 OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|STATES|GUARD)_([A-Z0-9_]+)\b")
 FIXED, STATE, WORK = "fixed", "state", "work"
 C_GUARD = f"{STATE}.guard"
+INT_MAX = 2**31 - 1    # of an enumerator
+Key = tuple[Callable[..., Any], tuple[Kind, ...]]
 
 
 def c_files(config: Config, general: bool = False, vectors: dict[str, int] | None = None) -> dict[str, str]:
@@ -67,35 +88,28 @@ class _Program:
             name: Array(ELEMENTS[array.dtype.kind], array.ndim, constant=port.apart[name] == FIXED)
             for name, array in memory.apart.items()}
         self.kinds: dict[str, Kind] = {"size": struct_of(memory.size), "block": self.block, "words": structs[STATE],
-                                       **apart}
+                                       "state": structs[STATE], **apart}
         self.unit.struct(self.block)
         roots = self._roots()
-        sealed = replace(structs[STATE], constant=True)
-        if port.seal is not None:
-            rows = memory.apart["rows"]
-            key: Key = getattr(port.seal, "py_func", port.seal), (sealed, sealed, Array(FLOAT, 2, constant=True))
-            roots[key] = [None, None, rows.shape]
         for root in roots:
             self.unit.kernel(*root, partial(roots.__getitem__, root))
         if not general:
             self.unit.settle(roots)
-        self.seal = f"fold_words(&state->{STATE})"
-        if port.seal is not None:
-            kernel, extents = self.unit.kernel(*key), ", ".join(map(str, rows.shape))
-            given = f"&state->{STATE}", f"&state->{STATE}", f"(ConstMatrix){{state->rows, {extents}}}"
-            self.seal = f"{kernel.name}({', '.join(kernel.written(given))})"
         self.update, self.report = self._call(port.update), self._call(port.report)
+        self.seal = self._call(port.seal) or f"fold_words(&state->{STATE})"
 
     def _roots(self) -> dict[Key, list[Fact]]:
-        """What is known of the memory that the two kernels take."""
+        """What is known of the memory that the kernels take."""
         apart = {name: array if self.port.apart[name] == FIXED else array.shape
                  for name, array in self.port.memory.apart.items()}
-        called = [function for function in (self.port.update, self.port.report) if function is not None]
+        called = [each for each in (self.port.update, self.port.report, self.port.seal) if each is not None]
         return {self._key(function): [apart.get(name) for name in _arguments(function)] for function in called}
 
     def _key(self, function: Any) -> Key:
-        return (getattr(function, "py_func", function),
-                tuple(self.kinds.get(name, FLOAT) for name in _arguments(function)))
+        kinds = [self.kinds.get(name, FLOAT) for name in _arguments(function)]
+        if function is self.port.seal:  # nothing may change what is saved
+            kinds = [replace(kind, constant=True) for kind in kinds if isinstance(kind, (Array, Struct))]
+        return getattr(function, "py_func", function), tuple(kinds)
 
     def _apart(self, kind: str) -> dict[str, np.ndarray]:
         """The arrays that stand apart, of what is fixed, persists or is scratch."""
@@ -105,19 +119,21 @@ class _Program:
         """C of a call with the memory that the function takes, and a sample `s`."""
         if function is None:
             return ""
-        kernel = self.unit.kernel(*self._key(function))
-        return f"{kernel.name}({', '.join(map(self._given, kernel.written(_arguments(function))))})"
+        key = self._key(function)
+        kernel = self.unit.kernel(*key)
+        given = kernel.written(zip(_arguments(function), key[1], strict=True))
+        return f"{kernel.name}({', '.join(self._given(name, kind) for name, kind in given)})"
 
-    def _given(self, name: str) -> str:
+    def _given(self, name: str, kind: Kind) -> str:
         """C of an argument."""
         if name == "block":
             return "&block"
-        if name == "words":
+        if name in ("words", "state"):
             return f"&state->{STATE}"
-        array, kind = self.port.memory.apart.get(name), self.kinds.get(name)
-        if array is None or not isinstance(kind, Array):
+        if not isinstance(kind, Array):
             return f"s->{name}"
-        place = name.upper() if kind.constant else f"{self.port.apart[name]}->{name}"
+        array, owner = self.port.memory.apart[name], self.port.apart[name]
+        place = name.upper() if owner == FIXED else f"{owner}->{name}"
         return f"({kind.c}){{{place}, {', '.join(map(str, array.shape))}}}"
 
     def _initial(self) -> Iterator[str]:
@@ -179,7 +195,8 @@ class _Program:
     def sizes(self) -> dict[str, object]:
         """The configuration in words, and its sizes."""
         config = self.config
-        return {"formulation": config.formulation, "library": ", ".join(config.terms),
+        return {"version": __version__, "digest": hashlib.sha256(self.port.preface).hexdigest()[:16],
+                "formulation": config.formulation, "library": ", ".join(config.terms),
                 "window": literal(config.window), "period": literal(config.sample_period),
                 "state_bytes": self._bytes(STATE) + 8,  # `busy`
                 "work_bytes": self._bytes(WORK), "fixed_bytes": self._bytes(FIXED),
@@ -204,9 +221,10 @@ class _Program:
         """The text of launchid.c."""
         block = (f"const {self.unit.struct(self.block)} block = "
                  f"{{&FIXED, &state->{STATE}, &work->{WORK}}};")
+        report: dict[str, object] = {"report": self.report, "block": block}
         own = "\n".join([
-            template("report.c", {"report": self.report, "block": block}) if self.port.report
-            else template("no_report.c", {}),
+            template("report.c" if self.report else "no_report.c", report),
+            template("level.c" if self.port.memory.size.ranged else "no_level.c", report),
             template("estimator.c", {"initial": "".join(self._initial()), "update": self.update, "block": block,
                                       "seal": self.seal}),
             template("save.c", self._saved())])
@@ -267,3 +285,156 @@ def core_module(name: str) -> ModuleType:
     """A module of the core by the last part of its name."""
     return next(module for path, module in sorted(sys.modules.items())
                 if path.startswith("launchid_core.") and path.endswith(f".{name}"))
+
+
+# ---- the C file being made
+
+
+class Unit:
+    """Kernels are translated when they are asked for, once for each kinds of arguments."""
+
+    def __init__(self, is_general: bool = False) -> None:
+        self.is_general = is_general    # kernels know nothing of their callers
+        self.kernels: dict[Key, Kernel] = {}
+        self.order: list[Kernel] = []
+        self.structs: dict[Kind, str] = {}
+        self.declarations: list[str] = []
+        self.results: list[str] = []
+        self.constants: dict[str, str] = {}
+        self.named: dict[str, int] = {}
+        self.reached: set[Kernel] = set()
+        self.own = ""       # C that is written by hand
+
+    def kernel(self, dispatcher: Any, kinds: Iterable[Kind], given: Callable[[], list[Fact]] | None = None) -> Kernel:
+        """The translation of a kernel for arguments of these kinds; given: what its first call says of them, which is
+        taken for what all say until `settle` has asked the others."""
+        function = getattr(dispatcher, "py_func", dispatcher)
+        key = function, tuple(kinds)
+        if key not in self.kernels:
+            count = self.named.get(function.__name__, 0) + 1
+            self.named[function.__name__] = count
+            name = function.__name__ if count == 1 else f"{function.__name__}_{count}"
+            self.kernels[key] = made = Kernel(self, function, key[1], name)
+            if given is not None and not self.is_general:
+                made.given = given()
+            made.translate()
+            self.order.append(made)
+        return self.kernels[key]
+
+    def c(self, kind: Kind) -> str:
+        """The C type of a kind; a struct is declared when first met."""
+        if isinstance(kind, (Scalar, Array)):
+            return kind.c
+        assert not isinstance(kind, Known)
+        if isinstance(kind, Struct):
+            return f"{'const ' if kind.constant else ''}{self.struct(kind)} *"
+        if kind not in self.structs:
+            body = "".join(f"    {self.c(each)} v{k};\n" for k, each in enumerate(kind.kinds))
+            self.structs[kind] = f"Results{len(self.structs)}"
+            self.results.append(f"typedef struct {{\n{body}}} {self.structs[kind]};\n")
+        return self.structs[kind]
+
+    def struct(self, kind: Struct) -> str:
+        """The C name of a named tuple's struct; it is declared when first met, in the header."""
+        key = _writable(kind)
+        if key not in self.structs:
+            fields = zip(kind.fields, kind.kinds, strict=True)
+            body = "".join(f"    {self._field(name, each, kind.placed)}\n" for name, each in fields
+                           if not (isinstance(each, Known) or (isinstance(each, Struct) and each.is_known)))
+            self.structs[key] = name = f"Launchid{kind.of.__name__}"
+            about = (inspect.getdoc(kind.of) or "").split("\n\n")[0].replace("\n", " ")
+            self.declarations.append(f"/* {about} */\ntypedef struct {{\n{body}}} {name};\n")
+        return self.structs[key]
+
+    def _field(self, name: str, kind: Kind, placed: bool) -> str:
+        if placed:
+            return f"{typed(self.c(kind), name)};"
+        if isinstance(kind, Array):
+            shape = f"  /* {' x '.join(map(str, kind.extents))} */" if kind.dimensions > 1 else ""
+            return f"{kind.element.c} {name}[{max(math.prod(kind.extents), 1)}];{shape}"  # C has no empty array
+        assert isinstance(kind, Struct)
+        return f"{self.struct(kind)} {name};"
+
+    def constant(self, module: str, name: str, value: Any) -> str:
+        """The C name of a module's constant, MODULE_NAME."""
+        home = defined_in(module, name)
+        label = f"{home.rsplit('.', 1)[-1]}_{name}".upper()
+        if label not in self.constants:
+            self.constants[label] = _definition(label, value)
+        return label
+
+    def settle(self, roots: dict[Key, list[Fact]]) -> None:
+        """Tell each kernel what its calls have in common, until none learns more; roots: what is given from outside."""
+        news = self._news(roots)
+        while news:
+            while news:
+                kernel = next(each for each in self.order if each in news)  # the called before their callers
+                if kernel.learn(news.pop(kernel)):
+                    news = {each: each.given for each in self.order if kernel in each.asked} | news
+            news = self._news(roots)
+
+    def _news(self, roots: dict[Key, list[Fact]]) -> dict[Kernel, list[Fact]]:
+        """Kernels that are called, and what their calls have in common, where they do not know it yet."""
+        found = {self.kernels[key]: facts for key, facts in roots.items()}
+        waiting = list(found)
+        while waiting:
+            for called, facts in waiting.pop().c.calls:
+                assert isinstance(called, Kernel)
+                if called in found:
+                    found[called] = [shared(a, b) for a, b in zip(found[called], facts, strict=True)]
+                else:
+                    found[called] = facts
+                    waiting.append(called)
+        self.reached = set(found)
+        return {kernel: facts for kernel, facts in found.items() if any(map(differ, facts, kernel.given))}
+
+    def source(self) -> str:
+        """Constants, structs of results and functions, as far as they are used."""
+        functions = [made.source() for made in self.order if made in self.reached or not self.reached]
+        used = set(re.findall(r"\w+", "\n".join(functions) + self.own))
+        constants = {label: text for label, text in self.constants.items() if label in used}
+        counts = [text for text in constants.values() if text.startswith(" ")]
+        others = [text for text in constants.values() if not text.startswith(" ")]
+        results = [text for text in self.results if re.findall(r"\w+", text)[-1] in used]
+        return "\n".join(["enum {", *counts, "};\n", *others, "", *results, *functions])
+
+
+def _writable(kind: Kind) -> Kind:
+    """A struct without what says that it may not be written to; one of addresses keeps that of each."""
+    if isinstance(kind, Struct):
+        return replace(kind, constant=False,
+                       kinds=kind.kinds if kind.placed else tuple(_writable(each) for each in kind.kinds))
+    return replace(kind, constant=False) if isinstance(kind, Array) else kind
+
+
+def _definition(label: str, value: Any) -> str:
+    """The definition of a constant: an enumerator, a macro, or an array."""
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and abs(int(value)) < INT_MAX:
+        return f"    {label} = {int(value)},"
+    if not isinstance(value, (np.ndarray, tuple)):
+        number = literal(value)
+        return f"#define {label} {f'({number})' if number[0] in '-(' else number}"
+    array = np.array(value)
+    kind = kind_of(array)
+    assert isinstance(kind, Array)
+    numbers = ", ".join(literal(each) for each in array.ravel())
+    return (f"static const {kind.element.c} {label}_numbers[] = {{{numbers}}};\n"
+            f"static const {kind.c} {label} = {{{label}_numbers, "
+            f"{', '.join(map(str, array.shape))}}};")
+
+
+@cache
+def _tree(module: str) -> ast.Module:
+    return ast.parse(inspect.getsource(sys.modules[module]))
+
+
+@cache
+def defined_in(module: str, name: str) -> str:
+    """Return the module that defines `name`, following relative imports."""
+    for node in _tree(module).body:
+        if isinstance(node, ast.ImportFrom) and node.level > 0:
+            for alias in node.names:
+                if (alias.asname or alias.name) == name:
+                    around = module.rsplit(".", node.level)[0]
+                    return defined_in(f"{around}.{node.module}", alias.name)
+    return module

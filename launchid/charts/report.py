@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from sim.errors import InputError
 from sim.files import make_folder, remove, write_text
 
-from .markup import table, text
-from .page import page, picture
+from .page import page, picture, table, text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sim.errors import UsageError
+from sim.errors import UsageError, extra_needed
 
 from ..argument_checks import integer, several
 from ..cli.common import check_folders, read_nominal
@@ -29,6 +31,38 @@ if TYPE_CHECKING:
 
 VERDICT, PICTURE = "verdict.json", "campaign.png"
 STOPS = ("decided", "never")
+SCHEDULER_TIMEOUT = 10.0  # s, for a scheduler to answer
+EXECUTOR_FORM = "expected local, or dask:ADDRESS such as dask:tcp://node1:8786"
+
+
+def check_executor(text: str) -> None:
+    """UsageError for words that name none."""
+    if text != "local" and not (text.startswith("dask:") and len(text) > len("dask:")):
+        raise UsageError(f"--executor {text!r}: {EXECUTOR_FORM}")
+
+
+@contextlib.contextmanager
+def executor_of(text: str, workers: int | None) -> Iterator[tuple[Executor | None, int | None]]:
+    """(executor, how many workers it has) while this lasts; (None, workers): processes, which the campaign makes."""
+    check_executor(text)
+    if text == "local":
+        yield None, workers
+        return
+    try:
+        from distributed import Client
+    except ModuleNotFoundError as error:
+        raise extra_needed(error) from None
+    address = text.removeprefix("dask:")
+    try:
+        client = Client(address, timeout=SCHEDULER_TIMEOUT)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"--executor {text}: no scheduler answers there ({type(error).__name__}); "
+                         f"{EXECUTOR_FORM}") from None
+    with client:
+        threads = sum(client.nthreads().values())
+        if threads == 0:
+            raise UsageError(f"--executor {text}: the scheduler has no workers")
+        yield client.get_executor(), workers or threads
 
 
 def add(commands: Any) -> None:
@@ -64,7 +98,6 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid campaign`."""
-    from ..monte_carlo.requirement.executor import check_executor
     check_executor(args.executor)
     nominal = read_nominal(args.nominal)
     check_folders(args.out)
@@ -119,10 +152,8 @@ def campaign(nominal: NominalSource, *, out: str | PathLike[str], flights: int |
     """
     from sim.files import as_path
 
-    from ..monte_carlo.requirement.executor import executor_of
-    from ..monte_carlo.requirement.folder import fly
+    from ..monte_carlo.requirement.folder import Definition, fly
     from ..monte_carlo.requirement.folder import merge as merged
-    from ..monte_carlo.requirement.identity import Definition
     from ..monte_carlo.requirement.verdict import judged
     from ..sources import load_nominal
     nominal = load_nominal(nominal)
@@ -174,7 +205,7 @@ class Campaign(Answer):
         return flat(rows)
 
     def _figure(self) -> Figure:
-        from ..monte_carlo.requirement.figures import campaign_figure
+        from ..monte_carlo.requirement.verdict import campaign_figure
         return campaign_figure(self.report, self.requirements, self.flights)
 
     def write(self, folder: str | Path) -> None:
@@ -186,8 +217,7 @@ class Campaign(Answer):
 def foreseen(nominal: Nominal, flights: int, requirement: str | Sequence[str], stop: str) -> tuple[str, ...]:
     """Notes before the first flight: what a user may have meant otherwise."""
     from ..log.check import profile_note
-    from ..monte_carlo.requirement.order_statistics import Planned
-    from ..monte_carlo.requirement.sequential import Sequential
+    from ..monte_carlo.requirement.sequential import Planned, Sequential
     nominal.require("simulation")
     assert nominal.simulation is not None
     notes = profile_note(nominal, nominal.simulation.duration, "the flight")

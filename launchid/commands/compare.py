@@ -68,8 +68,7 @@ def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict
     """
     import numpy as np
 
-    from ..comparison.dispersion import dispersed
-    from ..comparison.flown import LATEST_START, flown
+    from ..comparison.flown import LATEST_START, dispersed, flown
     from ..comparison.frequency_response import frequency_responses
     from ..comparison.prediction import predictions
     from ..comparison.result import Beside, Comparison, labels, masked, report

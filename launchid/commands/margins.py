@@ -81,8 +81,7 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_W
     InputError
         A nominal without [actuator] or [controller], or a loop that is not modelled.
     """
-    from ..identification.run import identified
-    from ..identification.windows import log_config, servo_note
+    from ..identification.windows import identified, log_config, servo_note
     from ..log.check import checked
     from ..robustness.flight_margins import declared_servo
     from ..sources import load_nominal, read_log

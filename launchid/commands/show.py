@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
     looked = [looked_at(log) for log in logs]
     figure = logs_figure(looked)
     if is_page:
-        from ..figures.logs_page import write_page
+        from ..figures.logs import write_page
         write_page(looked, figure, args.out)
     else:
         save(figure, args.out)

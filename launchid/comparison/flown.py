@@ -1,18 +1,28 @@
 """A log's reference flown again by a nominal, in closed loop with its controller, by the simulator (`sim.flight`).
 
 A flight begins at t = 0 at attitude 0, as every one of a nominal does; a log that begins later is none of those.
+
+The place of a log in the dispersions of its nominal.
+
+The nominal flies the log's reference DISPERSED_FLIGHTS times, each time with its own a6 and k1 (uniform over
+[uncertainty], as a campaign draws them), servo (normal, by the sigmas of [actuator]), wind, offsets and noise.  At
+each time, and for the largest value of each channel, the log's place is the share of the flights that are below it:
+uniform over 0 to 1, and 10 % of the time outside the band of 5 to 95 %, where the log is a flight of that nominal.
 """
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from sim.flight import Flight, fly_whole, is_whole
+from sim.flight import Flight, dispersion, fly_whole, is_whole
 from sim.nominal import Nominal
 from sim.sections import Guidance, Wind
 
 from ..log.log import Log
+from ..monte_carlo.campaign import drawn_delta, run_jobs
 
 FLOWN_CHANNELS = ("theta", "theta_dot", "beta", "beta_cmd")
 LATEST_START = 1.0  # s, first stamp of a log that begins where a flight does
@@ -71,3 +81,107 @@ def at_rows(flight: Flight, t: np.ndarray, names: Sequence[str]) -> dict[str, np
     place = np.round(np.where(np.isfinite(t), t, -1.0) / flight.period).astype(np.int64)
     there = (place >= 0) & (place < len(flight.t))
     return {name: np.where(there, getattr(flight, name)[np.where(there, place, 0)], np.nan) for name in names}
+
+
+DISPERSED_FLIGHTS = 200
+FIRST_SEED = 1_000_000   # of the flights: none that a user is likely to have flown the log with
+SERVO_STREAM = 606       # of the random numbers of the servo
+PERCENTILES = (0.05, 0.95)
+TIMES_KEPT = 1_000       # times at most at which the flights are kept
+LEAST_SERVO = 0.1        # of the nominal's frequency and damping ratio: no draw is below it
+
+
+class Draw(NamedTuple):
+    """One dispersed flight."""
+
+    seed: int
+
+
+class Place(NamedTuple):
+    """The place of one channel of the log among the flights.
+
+    t (m,) [s], measured (m,), low, middle, high (m,)   the log, and the 5, 50 and 95 % of the flights, in its unit
+    below (m,)   share of the flights below the log at each time, NaN where it is not measured
+    outside      share of the time in which the log is outside the band
+    peak         share of the flights whose largest absolute value is below the log's
+    """
+
+    t: np.ndarray
+    measured: np.ndarray
+    low: np.ndarray
+    middle: np.ndarray
+    high: np.ndarray
+    below: np.ndarray
+    outside: float
+    peak: float
+
+
+class Dispersed(NamedTuple):
+    """The places of the channels, and how many of the flights were lost (they count until then)."""
+
+    places: dict[str, Place]
+    lost: int
+
+
+def drawn(nominal: Nominal, seed: int) -> tuple[Nominal, float, float]:
+    """Return the nominal with the servo of a seed, and its deltas of a6 and k1; 0 without [uncertainty]."""
+    assert nominal.actuator is not None
+    servo = nominal.actuator
+    frequency, damping, delay = np.random.default_rng((SERVO_STREAM, seed)).standard_normal(3)
+    servo = replace(servo, natural_frequency=servo.natural_frequency
+                    * max(LEAST_SERVO, 1.0 + servo.natural_frequency_sigma * frequency),
+                    damping_ratio=servo.damping_ratio * max(LEAST_SERVO, 1.0 + servo.damping_ratio_sigma * damping),
+                    delay=max(0.0, servo.delay + servo.delay_sigma * delay))
+    deltas = drawn_delta(seed) if nominal.uncertainty is not None else (0.0, 0.0)
+    return replace(nominal, actuator=servo), *deltas
+
+
+def fly_drawn(nominal: Nominal, t: np.ndarray, there: np.ndarray, period: float,
+              draw: Draw) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Fly one draw; returns its channels (4, m) at some of the times t (n,) [s], the largest absolute values (4,) of
+    the rows that the log measured, there (4, n) bool, and whether it was lost."""
+    craft, *deltas = drawn(nominal, draw.seed)
+    factors = dispersion(craft, *deltas) if craft.uncertainty is not None else (1.0, 1.0)
+    flight = fly_whole(craft, draw.seed, "flight", period, *factors)
+    columns = np.stack(list(at_rows(flight, t, FLOWN_CHANNELS).values()))
+    peaks = np.max(np.abs(np.nan_to_num(np.where(there, columns, 0.0))), axis=1, initial=0.0)
+    return columns[:, ::thinning(len(t))], peaks, flight.lost
+
+
+def thinning(rows: int) -> int:
+    """Return the rows from one that is kept to the next, so that at most TIMES_KEPT are."""
+    return max(1, -(-rows // TIMES_KEPT))
+
+
+def dispersed(log: Log, nominal: Nominal, flights: int = DISPERSED_FLIGHTS,
+              progress: Callable[[int], object] | None = None) -> Dispersed | None:
+    """Return the log's place among `flights` dispersed flights; None where the nominal cannot fly (`along`)."""
+    craft = along(log, nominal)
+    if craft is None:
+        return None
+    columns = np.stack([getattr(log, name) for name in FLOWN_CHANNELS])
+    there = np.isfinite(columns) & np.isfinite(log.t)
+    work = functools.partial(fly_drawn, craft, log.t, there, period_of(log, craft))
+    made = run_jobs([Draw(FIRST_SEED + k) for k in range(flights)], work, progress=progress)
+    series, peaks = np.stack([each[0] for each in made]), np.stack([each[1] for each in made])
+    places = {}
+    every = thinning(len(log.t))
+    for c, name in enumerate(FLOWN_CHANNELS):
+        if there[c].any():
+            own = float(np.max(np.abs(columns[c, there[c]])))
+            places[name] = place(log.t[::every], np.where(there[c], columns[c], np.nan)[::every], series[:, c],
+                                 float(np.mean(peaks[:, c] < own)))
+    return Dispersed(places, sum(each[2] for each in made))
+
+
+def place(t: np.ndarray, measured: np.ndarray, flights: np.ndarray, peak: float) -> Place:
+    """Return the place of a channel (m,) among flights (f, m), NaN where one has ended; `peak` as in `Place`."""
+    alive = np.isfinite(flights).any(axis=0)
+    low, middle, high = (np.full(len(t), np.nan) for _ in range(3))
+    low[alive], middle[alive], high[alive] = np.nanquantile(flights[:, alive], (PERCENTILES[0], 0.5, PERCENTILES[1]),
+                                                            axis=0)
+    known = alive & np.isfinite(measured)
+    below = np.full(len(t), np.nan)
+    below[known] = np.sum(flights[:, known] < measured[known], axis=0) / np.isfinite(flights[:, known]).sum(axis=0)
+    out = (measured[known] < low[known]) | (measured[known] > high[known])
+    return Place(t, measured, low, middle, high, below, float(np.mean(out)) if known.any() else float("nan"), peak)

@@ -3,7 +3,7 @@
 import functools
 from pathlib import Path
 
-from ..charts.markup import table, text
+from ..charts.page import table, text
 from ..charts.report import Picture, write_report
 from .flown import FLOWN_CHANNELS
 from .prediction import HORIZONS

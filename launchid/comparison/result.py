@@ -14,11 +14,9 @@ from sim.result import Columns
 from ..log.detect import DataCheck
 from ..log.log import Log
 from ..results.answer import Answer, flat
-from .dispersion import Dispersed
-from .flown import FLOWN_CHANNELS
+from .flown import FLOWN_CHANNELS, Dispersed
 from .frequency_response import COHERENT, Response
-from .prediction import HORIZONS, Predictions
-from .statistics import NO_STATISTICS, Statistics, statistics
+from .prediction import HORIZONS, NO_STATISTICS, Predictions, Statistics, statistics
 
 if TYPE_CHECKING:
     from sim.result import Figure

@@ -20,9 +20,9 @@ from sim.errors import InputError
 
 from ..log.log import Log, log_of
 from ..log.turns import continuous
-from .channels import NOT_ASKED, Channels
 from .mapping import AXES, TIME_UNITS, Map, Source
 from .readers import read_channels
+from .text import NOT_ASKED, Channels
 
 HALF_PERIOD = 0.5  # of the clock's period
 STALE = 3.0       # own periods

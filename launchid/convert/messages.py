@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .channels import MOST_COLUMNS, MOST_NUMBERS, NOT_ASKED, Channels, Wanted, is_asked
+from .text import MOST_COLUMNS, MOST_NUMBERS, NOT_ASKED, Channels, Wanted, is_asked
 
 ULOG_HEADER = 16
 ULOG_DEFINITIONS = tuple(bytes([kind]) for kind in b"BFIMPQ")

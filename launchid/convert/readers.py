@@ -17,9 +17,8 @@ from typing import Any, BinaryIO
 from sim.errors import InputError, UsageError, extras_named
 from sim.files import reads
 
-from .channels import MOST_NUMBERS, NOT_ASKED, Channels, Wanted, is_asked, too_large
 from .messages import read_dataflash, read_mcap, read_ulog
-from .text import read_text
+from .text import MOST_NUMBERS, NOT_ASKED, Channels, Wanted, is_asked, read_text, too_large
 
 FIRST_BYTES = 128         # the header of a MAT file
 LONGEST_NAME = 64         # of a MATLAB variable, with its end

@@ -1,5 +1,7 @@
-"""Logs before anything is computed: their columns over each other, and where the data check found something."""
+"""Logs before anything is computed: their columns over each other, and where the data check found something; as a
+picture, or a page that zooms."""
 
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,10 +11,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.canvas import panels
+from sim.canvas import DPI, panels
 from sim.errors import InputError
+from sim.files import write_text
 from sim.log_table import OPTIONAL, REQUIRED
 
+from ..charts.figure import figure_json
+from ..charts.page import list_of, page, picture, text
+from ..charts.report import COLOUR
 from ..log.check import COLUMN_FAULTS, checked, columns_alone
 from ..log.fault import Fault
 from ..log.log import Log
@@ -90,3 +96,17 @@ def _mark(axis: Any, name: str, each: Looked) -> None:
                         if fault.kind not in COLUMN_FAULTS and fault.channel in (name, "t", None)})
         axis.plot(log.t[doubted], x[doubted], "x", color="0.0", markersize=5, markeredgewidth=1.0,
                   label=f"doubted by the data check ({doubted.sum()}): {', '.join(kinds)}")
+
+
+CAPTION = "Each log has its colour and dash. Crosses: values that the data check doubts; grey: columns that it doubts."
+
+
+def write_page(logs: Sequence[Looked], figure: Figure, path: str) -> None:
+    """Write the figure of logs as one page that needs no network."""
+    png = io.BytesIO()
+    figure.savefig(png, dpi=DPI, bbox_inches="tight", format="png", metadata={"Software": None})
+    said = [text(line) for each in logs for line in each.lines]
+    first = "".join(f"<p>{text(each.log.summary())}</p>" for each in logs) \
+        + (f"<p>{list_of(said)}</p>" if said else "<p>The data check finds nothing.</p>")
+    write_text(path, [page(str(figure.get_suptitle()), "launchid show: logs as they are", COLOUR, first, [
+        ("Figures", picture("columns", "Columns over time", CAPTION, png.getvalue(), figure_json(figure)))])])

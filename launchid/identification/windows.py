@@ -4,24 +4,81 @@ import collections
 import dataclasses
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from launchid_core import MAX_ROWS, Change, Config, Estimate, Estimator, Model, Status
+from launchid_core import MAX_ROWS, Change, Config, Estimate, Estimator, Model, Sample, Status
 from sim.errors import InputError, UsageError
 from sim.nominal import Nominal
 from sim.sections import SERVO, Offsets
 from sim.shown import servo_lines, slow_hint, with_std
 
+from .. import progress
+from ..log.check import CheckedLog
 from ..log.log import Log
+from ..log.rates import HELD_WORD
 from ..onboard import MODELLED, onboard_model
-from ..running import run
 from ..weakform.judge import LIBRARY, Lack
 from ..weakform.rows import FAST_THETA, near_all
-from ..weakform.windows import Judged, withdrawn
-from .run import Identified, identified
+from ..weakform.windows import Judged, judged_windows, refused, withdrawn
+
+PART = 50_000  # samples between two reports of progress: about a fifth of a second
+
+
+def run(config: Config, samples: np.ndarray | Iterable[Sample]) -> tuple[list[Estimate], Estimator]:
+    """Replay samples, (n, 7) or one by one; the estimate of every window that closed, and the estimator."""
+    estimator = Estimator(config)
+    if not isinstance(samples, np.ndarray):
+        return estimator.replay(samples), estimator
+    estimates = []
+    for k in range(0, len(samples), PART):
+        progress.report("samples", k, len(samples))
+        estimates += estimator.replay(samples[k:k + PART])
+    return estimates, estimator
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """A log that was identified.
+
+    log        as it was checked;  config  as it was used;  estimator  for its counters and changes
+    estimates  of every window that closed, as the estimator gave them;  judged  the same judged by the log itself
+    is_weak    the numbers of the judged are the weak form's
+    """
+
+    log: CheckedLog
+    config: Config
+    estimator: Estimator
+    estimates: list[Estimate]
+    judged: Judged
+    is_weak: bool
+
+    @property
+    def is_held(self) -> bool:
+        """Whether beta was integrated as held from each of its values to the next."""
+        return self.config.beta_held
+
+
+def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional: tuple[str, ...] = ()) -> Identified:
+    """Feed a log to the estimator and judge its windows; where a column is of another quantity than its name says, no
+    number of it is believed.
+
+    is_weak   the estimator gives the windows and the counts of rows, and the weak form their numbers
+    optional  terms that the weak form has too where they are more than their deviation
+    Of `filtered`, which judges itself, those are refused that a contradiction of the model follows within 20 s.
+    """
+    if seen.rates["beta"].kind == HELD_WORD and config.formulation == "integral":
+        config = replace(config, beta_held=True)
+    estimates, estimator = run(config, seen.log.rows())
+    is_filtered = config.formulation == "filtered"
+    judged = judged_windows(seen, config, withdrawn(estimates) if is_filtered else estimates, is_weak, optional)
+    if seen.foreign or (not is_filtered and seen.doubtful):
+        judged = replace(judged, estimates=[refused(e) for e in judged.estimates])
+    return Identified(seen, config, estimator, estimates, judged, is_weak)
+
 
 __all__ = ["MODELLED", "chosen_formulation", "identified", "log_config", "number", "onboard_model", "report",
            "report_of", "run", "servo_note", "structure_lines", "table", "tracked_json", "whole_log", "window_json"]

@@ -14,7 +14,7 @@ where it was when it is run again; the journal goes when the table is there.  A 
 the error's one line.  A chunk whose worker died is sent again; after ATTEMPTS deaths its jobs are sent one by one,
 nothing else running, so that the one that kills is found and becomes a failed row.
 
-Assumptions: one campaign writes a journal at a time (`folder_lock` holds a folder for one); a Ctrl-C of a given
+Assumptions: one campaign writes a journal at a time (`journal.locked` holds a folder for one); a Ctrl-C of a given
 executor's workers is that executor's.
 """
 

@@ -8,7 +8,7 @@ import numpy as np
 from sim.errors import InputError
 from sim.shown import with_std
 
-from ..charts.markup import table, text
+from ..charts.page import table, text
 from ..charts.report import Picture, paragraphs, write_report
 from ..robustness.flight_margins import MARGIN_NAMES, MARGIN_TITLES, MARGIN_UNITS, closing_lines, interval_words
 

@@ -28,7 +28,7 @@ from sim.shown import servo_lines
 from ..controller_replay import MIN_COMMANDS, Replay, replay, rms
 from ..log.log import Log
 from ..onboard import onboard_model
-from ..unsupported import refuse_foreign_loop
+from .lft import refuse_foreign_loop
 from .margin_spread import MARGIN_NAMES, MARGINS, Known, Spread, json_number, margin_spread
 from .servo_check import contradictions, followed, words
 

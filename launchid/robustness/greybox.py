@@ -8,7 +8,7 @@ The range is a tolerance limit: with `confidence`, |d| <= sigma for at least a `
 flights are a sample.  It is centred on the nominal, so the sum of squares about the nominal decides:
 
 * order statistic, for n flights enough and noise below half of the variance: the r-th largest |d| of n with
-  sum_{j<r} C(n, j) (1 - share)^j share^(n-j) <= 1 - confidence (`requirement.order_statistics`; 59 flights for
+  sum_{j<r} C(n, j) (1 - share)^j share^(n-j) <= 1 - confidence (`requirement.sequential`; 59 flights for
   95/95).  No law is assumed.  The noise is taken out by shrinking each d_i by tau/sqrt(tau^2 + s_i^2) towards the
   nominal, which keeps the spread of the ensemble right (Louis, JASA 79, 1984).
 * normal, for fewer: sigma = z_((1+share)/2) sqrt(n S^2/chi2_(1-confidence; n) - s^2), S^2 = mean d_i^2,
@@ -34,7 +34,7 @@ from sim.nominal import Nominal, Profile, constant_profile
 
 from ..identification.windows import onboard_model, run
 from ..log.check import CheckedLog
-from ..monte_carlo.requirement.order_statistics import wilks_rank
+from ..monte_carlo.requirement.sequential import wilks_rank
 from .level import UNCERTAIN_PARAMETERS, log_span, require_cover
 
 BIN = 10.0          # s: long enough for a window's own data to say something of a6 and k1 in a calm flight

@@ -35,8 +35,6 @@ import numpy as np
 from sim.errors import InputError
 from sim.nominal import Actuator, Controller, Nominal, Profile
 
-from ..unsupported import refuse_foreign_loop
-
 PLANT_THETA, PLANT_THETA_DOT, PLANT_BETA, BETA_RATE, PLANT_INPUT, PLANT_FILTER = range(6)
 N_FIXED = 6
 EXPONENTIAL_ORDER = 14   # scaled norm <= 1/2: the remainder is below 3e-17
@@ -278,3 +276,16 @@ def _resolvent(a: np.ndarray, b: np.ndarray, omega: np.ndarray, period: float) -
 def _pencil(z: np.ndarray, a: np.ndarray) -> np.ndarray:
     """z I - a (..., p, n, n)."""
     return z[..., None, None] * np.eye(a.shape[-1]) - a[..., None, :, :]
+
+
+def refuse_foreign_loop(nominal: Nominal, who: str) -> None:
+    """InputError naming the section for which the loop is no rigid body, second-order servo and PD of attitude: what
+    has no model is not ignored."""
+    actuator, controller = nominal.actuator, nominal.controller
+    for name, is_there in (
+            ("[drift]", nominal.drift is not None),
+            ("[actuator] time_constant", actuator is not None and actuator.is_first_order),
+            ('[controller] law = "rate"', controller is not None and controller.is_rate_law),
+            ("[[controller.filters]]", controller is not None and len(controller.filters) > 0)):
+        if is_there:
+            raise InputError(f"{nominal.path}: {name}: {who} has no model of it yet; expected a nominal without it")

@@ -51,13 +51,10 @@ def factors(nominal: Nominal, job: Job) -> tuple[Factor, Factor]:
             lambda t: box_k1(t) * np.where(t >= start, 1.0 - loss, 1.0))
 
 
-def compare_gains(job: Job) -> dict[str, float | int | str]:
-    """One vehicle flown twice, with the same noise: legacy and reconfigured."""
-    return compare_gains_of(_nominal(job.nominal), job)
-
-
-def compare_gains_of(nominal: Nominal, job: Job) -> dict[str, float | int | str]:
-    """The same of a nominal that the job only names."""
+def compare_gains(job: Job, nominal: Nominal | None = None) -> dict[str, float | int | str]:
+    """One vehicle flown twice, with the same noise: legacy and reconfigured; of another nominal than the job names,
+    if one is given."""
+    nominal = nominal or _nominal(job.nominal)
     a6_factor, k1_factor = factors(nominal, job)
     legacy = fly_legacy(nominal, job.seed, a6_factor, k1_factor)
     changed = fly_reconfigured(nominal, job.seed, a6_factor, k1_factor)

@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterable
 import numba
 import numpy as np
 import pytest
-from cut import flip, persisting
-from sealed import reseal
+from cut import flip, persisting, reseal
 from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from cut import cut_of
-from sealed import reseal
+from cut import cut_of, reseal
 from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model, run

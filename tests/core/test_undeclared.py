@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from cut import cut_of
-from sealed import carried, reseal
+from cut import carried, cut_of, reseal
 from unjitted import unjitted
 
 from launchid.identification.windows import next_step, onboard_model, report, run

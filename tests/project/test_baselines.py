@@ -14,7 +14,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
-import baselines
+import comparison
 
 from launchid.identification.windows import onboard_model
 from sim.flight import Flight, fly_whole, parameters
@@ -40,9 +40,9 @@ def quiet(nominal: Nominal, command_noise: bool) -> Nominal:
         simulation=dataclasses.replace(nominal.simulation, acceleration_noise_std=QUIET, duration=SECONDS))
 
 
-def method(name: str) -> baselines.Method:
+def method(name: str) -> comparison.Method:
     """A method by name; skips visibly without pysindy."""
-    found = next(m for m in baselines.METHODS if m.name == name)
+    found = next(m for m in comparison.METHODS if m.name == name)
     if found.pysindy and importlib.util.find_spec("pysindy") is None:
         pytest.skip("pysindy is not installed (extra `peers`)")
     return found
@@ -59,7 +59,7 @@ def errors(name: str, nominal_name: str, window: float, command_noise: bool = Tr
     believed = load_nominal(built_in(nominal_name))
     vehicle = {"a6_factor": A6_FACTOR, "k1_factor": K1_FACTOR}
     flight = flown(nominal_name, command_noise)
-    log = baselines.Log(flight.t, flight.theta, flight.theta_dot, flight.beta, flight.beta_cmd)
+    log = comparison.Log(flight.t, flight.theta, flight.theta_dot, flight.beta, flight.beta_cmd)
     chosen = method(name)
     estimate = chosen.run(log, window, onboard_model(believed))
     at = (np.arange(len(estimate)) + (1.0 if chosen.at_end else 0.5)) * window
@@ -68,7 +68,7 @@ def errors(name: str, nominal_name: str, window: float, command_noise: bool = Tr
 
 
 def test_every_method_is_tested():
-    assert {m.name for m in baselines.METHODS} == set(TOLERANCE)
+    assert {m.name for m in comparison.METHODS} == set(TOLERANCE)
 
 
 @pytest.mark.parametrize("name", [

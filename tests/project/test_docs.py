@@ -1,4 +1,7 @@
-"""The documentation says what is there: links, tests, commands, options, constants, names; its host loop runs."""
+"""The documentation says what is there: links, tests, commands, options, constants, names; its host loop runs.
+
+Every figure of the README stands in the page of results; every table there names the command that measured it.
+"""
 
 import ast
 import contextlib
@@ -12,6 +15,7 @@ from pathlib import Path
 import numba
 import pytest
 
+from benchmarks.tables import COMMAND
 from launchid.cli.main import main
 from launchid_core import LIBRARIES, EstimateStatus, Status, __version__
 from sim.effects import CATALOGUE
@@ -136,9 +140,20 @@ def test_benchmarks_have_the_options_they_are_quoted_with(page):
         match = re.match(r"(?:\S+=\S+ )?(?:python )?(?:benchmarks/)?(\w+\.py)( .*)?$", code)
         if match is None or not (ROOT / "benchmarks" / match[1]).is_file():
             continue
-        source = text_of(ROOT / "benchmarks" / match[1])
-        missing += [code for option in re.findall(r"--[a-z][\w-]*", match[2] or "") if f'"{option}"' not in source]
+        known = options_of(ROOT / "benchmarks" / match[1])
+        missing += [code for option in re.findall(r"--[a-z][\w-]*", match[2] or "") if option not in known]
     assert missing == []
+
+
+def options_of(path: Path) -> set[str]:
+    """The options of a benchmark: those that it names, and the arguments of `flights.arguments`."""
+    calls = [node for node in ast.walk(ast.parse(text_of(path))) if isinstance(node, ast.Call)]
+    named = {word.value for call in calls for word in call.args
+             if isinstance(word, ast.Constant) and str(word.value).startswith("--")}
+    shared = [call for call in calls if isinstance(call.func, ast.Name | ast.Attribute)
+              and "arguments" in (getattr(call.func, "id", ""), getattr(call.func, "attr", ""))]
+    words = {word.arg for call in shared for word in call.keywords} | ({"nominal"} if shared else set())
+    return named | {f"--{word.replace('_', '-')}" for word in words}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
@@ -237,3 +252,51 @@ def test_the_host_loop_of_the_readme_runs(capsys):
     assert tracked is not None
     a6, a6_std, k1, k1_std = map(float, tracked.groups())
     assert abs(a6 - 2.0) < 5.0 * a6_std < 1.0 and abs(k1 + 7.0) < 5.0 * k1_std < 3.5
+
+
+FIGURE = re.compile(r"(?<![\w.#-])\d[\d,]*(?:\.\d+)?")
+
+
+def anchor(heading: str) -> str:
+    """The name of a heading in a link."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+
+
+def claims() -> list[tuple[str, list[str]]]:
+    """Measured cell and linked sections of each row of the README's table of what it reaches."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8").split("## What it reaches")[1].split("\n## ")[0]
+    rows = [row.strip("|").split("|") for row in text.splitlines() if row.startswith("|") and "results.md#" in row]
+    return [(row[1].strip(), re.findall(r"results\.md#([\w-]+)", row[2])) for row in rows]
+
+
+def test_the_readme_claims_something():
+    assert len(claims()) >= 10 and all(FIGURE.search(measured) and linked for measured, linked in claims())
+
+
+@pytest.mark.parametrize(("measured", "linked"), claims(), ids=lambda x: x if isinstance(x, str) else "")
+def test_every_figure_of_the_readme_stands_in_the_section_it_names(measured, linked):
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    parts = re.split(r"^#+ (.+)$", text, flags=re.MULTILINE)
+    section = "".join(body for heading, body in zip(parts[1::2], parts[2::2], strict=True) if anchor(heading) in linked)
+    known = set(FIGURE.findall(section))
+    assert [figure for figure in FIGURE.findall(measured) if figure not in known] == []
+
+
+def test_every_figure_of_the_readme_s_prose_stands_in_results_or_limits():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    prose = text.split("![")[0] + text.split("## Limits")[1].split("\n## ")[0]
+    known = {figure for name in ("results.md", "limits.md")
+             for figure in FIGURE.findall((ROOT / "docs" / name).read_text(encoding="utf-8"))}
+    figures = FIGURE.findall(prose)
+    assert len(figures) >= 6 and [figure for figure in figures if figure not in known] == []
+
+
+def test_results_say_their_version_and_every_section_its_command():
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    assert re.search(r"\bVersion \d+\.\d+\.\d+\b.*\b20\d\d\b", "\n".join(text.splitlines()[:6]))
+    parts = re.split(r"^## (.+)$", text, flags=re.MULTILINE)
+    tables = [heading for heading, body in zip(parts[1::2], parts[2::2], strict=True) if "\n|" in body]
+    assert len(tables) >= 7
+    without = [heading for heading, body in zip(parts[1::2], parts[2::2], strict=True)
+               if heading in tables and not (COMMAND.search(body) or "```sh" in body)]
+    assert without == []

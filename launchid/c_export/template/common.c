@@ -1,3 +1,5 @@
+/* SPDX-License-Identifier: Apache-2.0; see launchid.h.  In brackets above a function: its module in launchid_core. */
+
 #include "launchid.h"
 
 #include <float.h>
@@ -15,6 +17,9 @@
 #endif
 #if defined(FLT_EVAL_METHOD) && (FLT_EVAL_METHOD != 0)
 #error "expected plain double precision: no wider intermediate results (-mfpmath=sse on x87 machines)"
+#endif
+#if defined(DBL_MANT_DIG) && (DBL_MANT_DIG != 53)
+#error "expected doubles of 64 bits (IEEE 754)"
 #endif
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF

@@ -1,11 +1,14 @@
 /* On-board identification of theta_ddot = a6 theta + k1 beta: $formulation, library $library.
 
+   launchid $version, configuration $digest (the begin of SHA-256 of what a saved state begins with: version, layout,
+   every choice).  SPDX-License-Identifier: Apache-2.0
+
    Made by launchid from the kernels of its Python package: the same operations in the same order, so the same bits
    (IEEE 754 double precision; compile with -ffp-contract=off, without -ffast-math).
 
    What persists is a `launchid_state`, scratch a `launchid_work`, both owned by the caller, who may place them in
    different memory.  Nothing is allocated, no call waits, every loop has a bound; of other libraries only libm, memset,
-   memcpy, memmove and memcmp are called.  One state belongs to one thread. */
+   memcpy, memmove and memcmp are called.  One state belongs to one thread.  No address that is given may be NULL. */
 
 #ifndef LAUNCHID_H
 #define LAUNCHID_H
@@ -86,7 +89,8 @@ typedef struct {
 /* ---- memory: what each array holds is said in the estimator's own sources.
 
    For a window of LAUNCHID_WINDOW s, samples LAUNCHID_SAMPLE_PERIOD s apart and LAUNCHID_TERMS terms: $state_bytes bytes that
-   persist, $work_bytes of scratch, $fixed_bytes that never change (in launchid.c). */
+   persist, $work_bytes of scratch, $fixed_bytes that never change (in launchid.c).  An array of no numbers ("0 x 0") has one, which
+   nothing reads: C has no empty array. */
 
 $structs
 #define LAUNCHID_BUSY_MARK INT64_C(0x5AA5C33C0FF09669)

@@ -28,15 +28,6 @@ int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launc
     return 0;
 }
 
-bool launchid_state_level(launchid_state *state, launchid_work *work, launchid_level *a6, launchid_level *k1)
-{
-    (void)state;
-    (void)work;
-    *a6 = (launchid_level){NO_NUMBER, NO_NUMBER, -1, {NO_NUMBER, NO_NUMBER, NO_NUMBER, NO_NUMBER}, true, NO_NUMBER};
-    *k1 = *a6;
-    return false;
-}
-
 launchid_notes launchid_state_notes(const launchid_state *state)
 {
     (void)state;

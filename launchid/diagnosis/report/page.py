@@ -8,9 +8,8 @@ from sim.errors import InputError
 from sim.files import make_folder, remove, write_text
 from sim.nominal import rewrite_nominal
 
-from ...charts.markup import list_of, table, text
+from ...charts.page import list_of, picture, table, text
 from ...charts.page import page as made_page
-from ...charts.page import picture
 from ...charts.report import NO_FIGURES
 from ...charts.report import drawn as pictures_drawn
 from ...comparison.page import CAPTIONS, pictures_of, summary_table

@@ -5,7 +5,7 @@
                                     ^                        |
                                     +------ enough ----------+
 
-`grammar` says what is asked, `flight` what one flight is and what it is judged by, `order_statistics` and `sequential`
-how many failures prove what, `watch` counts the flights in the order of their seeds, `folder` is a campaign on disk,
-flown, continued or merged, `executor` where it is flown.
+`grammar` says what is asked, `flight` what one flight is and what it is judged by, `sequential` how many failures prove
+what, and counts the flights in the order of their seeds (Watch), `folder` is a campaign on disk, flown, continued or
+merged, `verdict` its words and its picture.
 """

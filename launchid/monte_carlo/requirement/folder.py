@@ -2,7 +2,7 @@
 
 `campaign.json` is there before the first flight, `flights.csv.journal` beside it while it is flown, `flights.csv` when
 it is done.  The same campaign run again in its folder goes on where it was; when it was done already it is only judged.
-One run at a time writes into it (`folder_lock`).
+One run at a time writes into it (`journal.locked`).
 
 A folder is not believed: `read_campaign` and `read_flights` are the only doors, and say what a valid one is.  Its
 flights are those of the definition's seeds, drawn as the seeds draw them, each once, in order, and all of them or all
@@ -11,25 +11,68 @@ up to the one that decided.
 
 import contextlib
 import csv
+import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from launchid_core import __version__
 from sim.csv_text import AS_TEXT, rows
 from sim.errors import InputError
 from sim.files import atomic_path, make_folder, write_text
+from sim.nominal import Nominal
 
 from ..campaign import Enough, run_campaign
-from ..folder_lock import locked
-from ..journal import ERROR_COLUMN, Outcome
+from ..journal import ERROR_COLUMN, Outcome, locked
 from .flight import FlightJob, Flyer, flight_job, flight_jobs, flown_row
 from .grammar import requirement
-from .identity import Definition
-from .watch import Watch
+from .sequential import Watch
+
+FLIGHTS_FORMAT = "launchid flights 1"
+NOT_FLOWN = ("name", "diagnosis")  # of a nominal: how it is called and judged
+
+
+@dataclass(frozen=True)
+class Definition:
+    """Flights of the seeds `seed` ... `seed + flights - 1`, and what they are to prove."""
+
+    nominal: Nominal
+    seed: int
+    flights: int
+    requirements: Sequence[str]
+    planned: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """The definition as it stands in the folder's campaign.json."""
+        return {"format": FLIGHTS_FORMAT, "version": __version__, "nominal": self.nominal.name,
+                "nominal_sha256": digest_of(self.nominal), "seed": self.seed, "flights": self.flights,
+                "requirements": list(self.requirements), "stop": "never" if self.planned else "decided"}
+
+
+def digest_of(nominal: Nominal) -> str:
+    """The same for nominals that fly the same, wherever their files stand."""
+    flown = {key.name: getattr(nominal, key.name) for key in fields(nominal) if key.name not in NOT_FLOWN}
+    return hashlib.sha256(_text(flown).encode()).hexdigest()
+
+
+def _text(part: Any) -> str:
+    """The text of every number of a part, to the last bit, without the paths of files."""
+    if is_dataclass(part):
+        part = {key.name: getattr(part, key.name) for key in fields(part)}
+    if isinstance(part, dict):
+        return f"{{{','.join(f'{key}={_text(value)}' for key, value in part.items() if key != 'path')}}}"
+    if isinstance(part, np.ndarray):
+        return repr(part.tolist())
+    if isinstance(part, tuple | list):
+        return f"[{','.join(map(_text, part))}]"
+    return repr(part)
+
 
 CAMPAIGN, FLIGHTS_FILE = "campaign.json", "flights.csv"
 JOURNAL = f"{FLIGHTS_FILE}.journal"

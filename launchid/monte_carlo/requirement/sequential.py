@@ -1,4 +1,13 @@
-"""A campaign that is looked at after every flight and stops when it knows: a test that stays true whenever it stops.
+"""What a campaign's flights prove of a probability of failure: a number that was planned, or as many as it takes.
+
+A planned number: of n independent flights that fail with probability p the number of failures is binomial.  k failures
+of n prove that the probability is below p with confidence C if k or fewer would come with a probability of at most
+1 - C if it were p.  Then, too, the (k + 1)-th largest of n values is above their quantile of order 1 - p with
+confidence C (Wilks, Annals of Mathematical Statistics 12, 1941; Hanson & Beard, NASA/TP-2010-216447: 99.865 % with
+confidence 90 % takes 1,705 flights without a failure, 2,880 with one).  The bounds are those of Clopper & Pearson,
+Biometrika 26, 1934, one-sided.  It holds for a number of flights that was fixed before the first.
+
+A campaign that is looked at after every flight and stops when it knows: a test that stays true whenever it stops.
 
 Against a probability of failure p the evidence of n flights with k failures is the likelihood ratio of other
 probabilities to p, averaged over them with weights that were fixed before:
@@ -17,15 +26,91 @@ takes 2,880.  What it buys: such a vehicle is known after 2,210 flights of howev
 
 The weights.  Below p: p_j = p q_j^2, q_j evenly spread in 0..1 (Jeffreys' Beta(1/2, .) on so short a stretch), which
 bets most on a vehicle far better than asked and still learns from failures.  Above: p_j = p^(q_j), even in log p.
+
+The count of a campaign's flights in the order of their seeds, and says when its requirements are decided.
+
+Flights end in any order on many workers; what is said depends on the first n by their numbers alone, so it is the same
+whoever flew them.  A flight without a result (an error) counts against the verdict that is asked: as failed where the
+requirement would be met, as flown well where it would be refuted.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from .order_statistics import halved
+from ..journal import Outcome
+from .grammar import Requirement
+
+
+def cumulative(most: int, flights: int, probability: float) -> np.ndarray:
+    """(most + 1,) probability of at most 0, 1, ... `most` failures among n flights that fail with this probability."""
+    j = np.arange(1, most + 1)
+    ratios = np.log((flights - j + 1) / j) + (math.log(probability) - math.log1p(-probability))
+    first = flights * math.log1p(-probability)
+    return np.cumsum(np.exp(np.concatenate([[first], first + np.cumsum(ratios)])))
+
+
+def wilks_rank(n: int, share: float, confidence: float) -> int:
+    """Largest r such that the r-th largest of n holds `share` with `confidence`; 0: too few."""
+    return 0 if n == 0 else int(np.sum(cumulative(n - 1, n, 1.0 - share) <= 1.0 - confidence))
+
+
+@dataclass(frozen=True)
+class Planned:
+    """n flights, all flown, then judged: do they prove a probability of failure below `probability`, or above it."""
+
+    probability: float
+    confidence: float
+
+    def allowed(self, n: int) -> int:
+        """The most failures of n that prove it is below; -1: n are too few."""
+        return wilks_rank(n, 1.0 - self.probability, self.confidence) - 1
+
+    def is_met(self, n: int, failures: int) -> bool:
+        return failures <= self.allowed(n)
+
+    def is_refuted(self, n: int, failures: int) -> bool:
+        """Do they prove that it is above."""
+        return failures > 0 and self._at_least(n, failures, self.probability) <= 1.0 - self.confidence
+
+    def flights_needed(self, failures: int) -> int:
+        """The smallest n of which so many failures are allowed."""
+        high = failures + 1
+        while not self._proves(high, failures, self.probability):
+            high *= 2
+        low = failures
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if self._proves(middle, failures, self.probability) else (middle, high)
+        return high
+
+    def bounds(self, n: int, failures: int) -> tuple[float, float]:
+        """The probability of failure is above the first, and below the second, each with the confidence."""
+        upper = 1.0 if failures == n else halved(
+            failures / n, 1.0, lambda p: self._proves(n, failures, p))
+        lower = 0.0 if failures == 0 else halved(
+            failures / n, 0.0, lambda p: self._at_least(n, failures, p) <= 1.0 - self.confidence)
+        return lower, upper
+
+    def _proves(self, n: int, failures: int, probability: float) -> bool:
+        return failures < n and float(cumulative(failures, n, probability)[-1]) <= 1.0 - self.confidence
+
+    @staticmethod
+    def _at_least(n: int, failures: int, probability: float) -> float:
+        """Probability of so many failures or more: of as few successes."""
+        return float(cumulative(n - failures, n, 1.0 - probability)[-1])
+
+
+def halved(inside: float, outside: float, holds: Callable[[float], bool]) -> float:
+    """The place where `holds`, false at `inside`, becomes true for good on the way to `outside`, which is never
+    evaluated."""
+    for _ in range(60):  # to the last bits of a double
+        middle = 0.5 * (inside + outside)
+        inside, outside = (inside, middle) if holds(middle) else (middle, outside)
+    return outside
+
 
 BETS = 64                # more change no boundary by a hundredth
 SPREAD = (np.arange(BETS) + 0.5) / BETS
@@ -51,7 +136,7 @@ def above(probability: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Sequential:
-    """A proof as `order_statistics.Planned`, but one that holds after any flight, and whenever the campaign stops."""
+    """A proof as `Planned`, but one that holds after any flight, and whenever the campaign stops."""
 
     probability: float
     confidence: float
@@ -98,3 +183,79 @@ def _largest(holds: Callable[[int], bool], low: int, high: int) -> int:
         middle = (low + high) // 2
         low, high = (middle, high) if holds(middle) else (low, middle)
     return low
+
+
+MET, NOT_MET, UNDECIDED = "met", "not met", "undecided"
+Rule = Planned | Sequential
+
+
+class Count:
+    """One requirement: flights, failures and errors so far, and what they decide."""
+
+    def __init__(self, requirement: Requirement, rule: Rule) -> None:
+        self.requirement, self.rule = requirement, rule
+        self.flights = self.failures = self.errors = 0
+        self.verdict = UNDECIDED
+        self.decided_at: int | None = None   # flights
+        self.flights_needed = rule.flights_needed(0)  # in all, if no further one fails
+        self._refuting = False               # has a failure come since the last look: nothing else can refute
+
+    def take(self, outcome: Outcome) -> None:
+        """The next flight."""
+        self.flights += 1
+        if isinstance(outcome, str):
+            self.errors += 1
+        elif self.requirement.fails(outcome):
+            self.failures += 1
+            self._refuting = True
+        else:
+            return
+        self.flights_needed = self.rule.flights_needed(self.failures + self.errors)
+
+    def look(self) -> None:
+        """Set the verdict, if these flights decide it and no earlier ones did."""
+        if self.verdict != UNDECIDED:
+            return
+        if self.flights >= self.flights_needed:
+            self.verdict, self.decided_at = MET, self.flights
+        elif self._refuting and self.rule.is_refuted(self.flights, self.failures):
+            self.verdict, self.decided_at = NOT_MET, self.flights
+        self._refuting = False
+
+
+class Watch:
+    """Outcomes by their numbers, in any order -> the number of flights that decided everything, or None.
+
+    planned  all flights are flown, and judged once, at the end; else after each
+    """
+
+    def __init__(self, requirements: Sequence[Requirement], planned: bool) -> None:
+        rule = Planned if planned else Sequential
+        self.counts = [Count(each, rule(each.probability, each.confidence)) for each in requirements]
+        self.planned = planned
+        self.flights = 0
+        self._ahead: dict[int, Outcome] = {}
+
+    def __call__(self, number: int, outcome: Outcome) -> int | None:
+        """Take a flight's outcome; returns how many flights, from the first, are enough, None while none are."""
+        if number >= self.flights:
+            self._ahead.setdefault(number, outcome)
+        while self.flights in self._ahead:
+            outcome = self._ahead.pop(self.flights)
+            self.flights += 1
+            for count in self.counts:
+                count.take(outcome)
+                if not self.planned:
+                    count.look()
+            if self.is_decided:
+                return self.flights
+        return None
+
+    def end(self) -> None:
+        """No further flight comes."""
+        for count in self.counts:
+            count.look()
+
+    @property
+    def is_decided(self) -> bool:
+        return bool(self.counts) and all(count.verdict != UNDECIDED for count in self.counts)

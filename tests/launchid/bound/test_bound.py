@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as hs
 
 from launchid.bound.flights import flight_bound, noise_variances
-from launchid.bound.information import window_information
-from launchid.bound.matrices import bounds_of, without_offset
+from launchid.bound.information import bounds_of, window_information, without_offset
 from launchid.bound.step import transition
 from sim.errors import InputError
 from sim.flight import fly_whole

@@ -7,8 +7,7 @@ import plain_servo
 import pytest
 
 from launchid.bound.flights import flight_bound, flight_information, noise_variances, switched
-from launchid.bound.information import DIFFUSE, WITH_SERVO, window_information
-from launchid.bound.matrices import with_prior, without_offset
+from launchid.bound.information import DIFFUSE, WITH_SERVO, window_information, with_prior, without_offset
 from launchid.bound.step import FIRST_ORDER, transition
 from sim.errors import InputError
 from sim.flight import fly_whole

@@ -7,8 +7,7 @@ import pytest
 import shortened
 
 from launchid.bound.flights import flight_bound, flight_information, known_state_information
-from launchid.bound.information import DIFFUSE, window_information
-from launchid.bound.matrices import bounds_of, without_offset
+from launchid.bound.information import DIFFUSE, bounds_of, window_information, without_offset
 from launchid.bound.step import FIRST_ORDER, fill, transition
 from launchid.bound.world import (
     ATTITUDE_BIAS_STATE,

@@ -1,4 +1,4 @@
-"""The kit of an export: vectors and their checker, here and on emulated targets; stack and loops."""
+"""The kit of an export: vectors and their checker, here and on emulated targets; stack, loops, frames, operations."""
 
 import dataclasses
 import re
@@ -7,26 +7,34 @@ import subprocess
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 from ported import (
     CC,
     CERTIFIED,
     CONFIGS,
     ROUGH,
+    SHARED,
     STRICT,
     UNSURE,
     as_text,
+    filtered,
     flight,
     hostile,
     needs_compiler,
+    regression,
     some,
     written,
 )
 
+from benchmarks.port_operations import AT_MOST, COUNTED, FORMULAS, KERNELS, kernel_operations, operations, value
+from benchmarks.port_operations import CXX as COUNTING
 from benchmarks.port_stack import Graph, graph_of
-from launchid.c_export.kit import exported
+from launchid.c_export.kit import OUTPUTS, exported
 from launchid.c_export.program import STACK_LIMIT
 from launchid.c_export.vectors import flown as vectors_of
+from launchid_core import Estimator
+from sim.flight import fly
 from sim.nominal import Nominal, load_nominal
 
 HARD_M7 = ["-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard"]
@@ -86,7 +94,7 @@ def test_a_wrong_bit_is_a_difference(tmp_path):
 
 # ---- what the vectors reach
 
-LINES, BRANCHES, CONDITIONS = 0.98, 0.97, 0.90     # shares of launchid.c
+LINES, BRANCHES, CONDITIONS = 0.98, 0.98, 0.90     # shares of launchid.c
 SUMMARY = re.compile(r"File 'launchid.c'\nLines executed:([\d.]+)% of \d+\n.*\nTaken at least once:([\d.]+)% of \d+")
 NOT_TAKEN = re.compile(r"branch +\d+ (never executed|taken 0\b)")
 LLVM = "-19"           # the first clang that shows what is not covered of a condition in C
@@ -232,3 +240,110 @@ static void turns(int64_t n)
                    cwd=folder, check=True)
     for samples in (flight()[1800:2600], *(hostile(seed) for seed in range(10))):
         subprocess.run(["./replay"], input=as_text(samples), text=True, capture_output=True, cwd=folder, check=True)
+
+
+# ---- frames: each compiles against stubs of its interface, runs, and passes on the bits
+
+STUBS = SHARED / "stubs"
+CXX = shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
+FRAMED = "measured-stls"
+PLAIN = tuple(flag for flag in STRICT if flag not in ("-std=c99", "-pedantic"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return kit(tmp_path_factory.mktemp("frames"), FRAMED)
+
+
+def build(folder: Path, *words: str) -> list[str]:
+    """The lines that the program prints."""
+    subprocess.run([*words, "-I.", "-o", "frame"], cwd=folder, check=True)
+    return subprocess.run(["./frame"], cwd=folder, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+@cache
+def expected() -> list[str]:
+    """t_end and a6 of the first flight's windows."""
+    estimates = Estimator(CONFIGS[FRAMED]).replay(vectors_of(load_nominal("constant"), CONFIGS[FRAMED])[0])
+    return [f"{e.t_end.hex()} {e.a6.hex()}" for e in estimates]
+
+
+def estimates(lines: list[str]) -> list[str]:
+    return [" ".join(float.fromhex(word).hex() for word in line.split()[1:]) for line in lines
+            if line.startswith("estimate")]
+
+
+@needs_compiler
+def test_the_cfs_app_sends_the_estimates(folder):
+    lines = build(folder, str(CC), *STRICT, f"-I{STUBS / 'cfs'}", "launchid_cfs.c", str(STUBS / "cfs" / "bus.c"),
+                  "launchid.c", "-lm")
+    assert estimates(lines) == expected() and len(expected()) >= 2
+    assert lines[0] == "event 1" and lines.count("event 2") == 2 and lines[-1] == "exit 1"
+
+
+@needs_compiler
+@pytest.mark.skipif(CXX is None, reason="no C++ compiler here")
+def test_the_f_prime_component_writes_the_estimates(folder):
+    subprocess.run([str(CC), *STRICT, "-c", "launchid.c", "-o", "launchid.o"], cwd=folder, check=True)
+    lines = build(folder, str(CXX), "-std=c++14", *PLAIN, f"-I{STUBS / 'fprime'}", "Launchid.cpp",
+                  str(STUBS / "fprime" / "main.cpp"), "launchid.o", "-lm")
+    assert estimates(lines) == expected()
+    assert "refused -1" in lines
+
+
+@needs_compiler
+def test_the_simulink_function_holds_the_estimates(folder):
+    lines = build(folder, str(CC), *PLAIN, "-std=c99", f"-I{STUBS / 'simulink'}", "launchid_sfun.c", "launchid.c",
+                  "-lm")
+    assert estimates(lines) == expected()
+
+
+def test_every_frame_gives_what_the_description_says(folder):
+    for name, *_ in OUTPUTS:
+        assert f"telemetry {name}: F64" in (folder / "Launchid.fpp").read_text(encoding="utf-8")
+        assert f"app.out.{name} = " in (folder / "launchid_cfs.c").read_text(encoding="utf-8")
+        assert f"tlmWrite_{name}(" in (folder / "Launchid.cpp").read_text(encoding="utf-8")
+
+
+# ---- operations, counted by numbers that count: what the documentation states is what is done
+
+RESULTS = Path(__file__).parents[3] / "docs" / "results.md"
+STATED = [k for k, name in enumerate(COUNTED) if name != "stores"]
+SIZES = [(m, q) for q in (1, 2, 3, 6, 10) for m in (10, 17, 100)]
+COUNTED_IN = {"measured": regression("measured"), "filtered": filtered()}
+BETWEEN = (39, 8, 7, 0, 0)  # loads, sums, products, quotients, roots of a sample that closes nothing: at most
+needs_counting = pytest.mark.skipif(shutil.which(COUNTING) is None, reason="no C++ compiler here")
+
+
+@needs_counting
+@pytest.mark.parametrize("formulation", KERNELS)
+def test_a_kernel_does_what_its_formulas_say(formulation):
+    for name, counted in kernel_operations(formulation, COUNTED_IN[formulation], SIZES).items():
+        for (m, q), row in zip(SIZES, counted[:, STATED].tolist(), strict=True):
+            said = [value(formula, m, q) for formula in FORMULAS[name]]
+            if name in AT_MOST:
+                assert all(0.6 * most <= found <= most for most, found in zip(said, row, strict=True)), (name, m, q)
+            else:
+                assert said == row, (name, m, q)
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_the_documentation_states_these_formulas(name):
+    assert f"| `{name}` | {' | '.join(FORMULAS[name])} |" in RESULTS.read_text(encoding="utf-8")
+
+
+@needs_counting
+@pytest.mark.parametrize(("formulation", "library", "window"), [
+    ("filtered", "theta,beta", 1.0), *(
+        pytest.param(*each, marks=pytest.mark.campaign) for each in (
+            ("measured", "quadratic", 1.0), ("integral", "theta,beta", 0.5), ("filtered", "quadratic", 0.5)))])
+def test_a_sample_between_closes_costs_the_same_whatever_the_window_and_the_terms(formulation, library, window):
+    of = filtered if formulation == "filtered" else lambda **more: regression(formulation, **more)
+    flight = list(fly(load_nominal("constant"), seed=1, suite="ideal" if formulation == "measured" else "flight"))[:250]
+    status, counts = operations(of(library=library, window=window), flight)
+    counts = counts[:, STATED]
+    least = np.unique(counts[status == 0], axis=0)  # of the filtered form, every fifth sample works off a block
+    plain = least[(least <= BETWEEN).all(axis=1)]
+    assert plain.max(axis=0).tolist() == list(BETWEEN)
+    share = (counts <= BETWEEN).all(axis=1).mean()
+    assert share > (0.75 if formulation == "filtered" else 0.95)

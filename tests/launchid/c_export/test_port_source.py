@@ -56,6 +56,16 @@ def test_wider_intermediate_results_are_refused(tmp_path):
     assert done.returncode != 0 and "expected plain double precision" in done.stderr
 
 
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_shorter_doubles_are_refused(compiler, tmp_path):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler} here")
+    done = subprocess.run([compiler, "-std=c99", "-w", "-U__DBL_MANT_DIG__", "-D__DBL_MANT_DIG__=24", "-fsyntax-only",
+                           "launchid.c"], cwd=written(tmp_path, CERTIFIED["integral"]), capture_output=True, text=True,
+                          check=False)
+    assert done.returncode != 0 and "expected doubles of 64 bits" in done.stderr
+
+
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="options of x86-64")
 @pytest.mark.parametrize(("compiler", "options"), [
     ("gcc", "-std=gnu99 -ffp-contract=fast"), ("clang", "-ffp-contract=on"), *(

@@ -10,11 +10,9 @@ from scipy.stats import kstest
 
 import launchid
 from launchid.commands.compare import compare
-from launchid.comparison.dispersion import FIRST_SEED, Draw, dispersed, drawn, fly_drawn
-from launchid.comparison.flown import along, flown, quiet
-from launchid.comparison.prediction import predictions
+from launchid.comparison.flown import FIRST_SEED, Draw, along, dispersed, drawn, flown, fly_drawn, quiet
+from launchid.comparison.prediction import predictions, statistics
 from launchid.comparison.result import Comparison
-from launchid.comparison.statistics import statistics
 from launchid.log.detect import check
 from launchid.log.log import Log, flown_log
 from sim.effects import effect

@@ -256,12 +256,11 @@ def test_a_sound_flight_passes_the_live_check_as_it_is(quantum):
 
 
 def test_the_live_check_tells_an_end_stop_by_the_ends_of_all_rows_so_far():
-    """A coarse quantum rests at the end of 300 rows; a stop that came a few times before is one at once."""
+    """As a whole log does, but for rows of a stop that has not been left yet."""
     rng, t = np.random.default_rng(1), 0.01 * np.arange(3000)
     theta = 0.2 * np.sin(0.7 * t) + 1e-3 * rng.normal(size=3000)
     rate = np.cumsum(rng.normal(size=3000)) * 1e-3
     whole = log_of({"t": t, "theta": np.minimum(theta, 0.19), "theta_dot": rate, "beta": 1e-3 * rng.normal(size=3000)})
     live = LiveCheck(0.01)
-    left_out = ~np.isfinite(rows_of(*live.add(whole), *live.rest()).theta)
-    at_stop = theta > 0.19
-    assert left_out[1000:][at_stop[1000:]].all() and not left_out[~at_stop & (theta < 0.17)].any()
+    left_out, at_stop = (~np.isfinite(log.theta) for log in (rows_of(*live.add(whole), *live.rest()), checked(whole).log))
+    assert not (left_out & ~at_stop).any() and np.count_nonzero(left_out) > 0.95 * np.count_nonzero(at_stop) > 300
