@@ -44,6 +44,17 @@ def ends_of(x: np.ndarray, before: Ends | None = None) -> Ends:
     return values[kept], rows[kept]
 
 
+def last_values(ends: Ends) -> list[float]:
+    """The last values that have far more rows than those next to them."""
+    values, rows = ends
+    if len(values) < FEWEST_LEVELS:
+        return []
+    return [float(value) for value, count, beside in ((values[-1], rows[-1], rows[-1 - BESIDE_VALUES:-1]),
+                                                      (values[0], rows[0], rows[1:1 + BESIDE_VALUES]))
+            if abs(value) > MIN_STOP * np.max(np.abs(values))
+            and count >= max(FEWEST_STOPPED, MORE_OFTEN * np.max(beside))]
+
+
 def end_stops(x: np.ndarray, ends: Ends | None = None) -> np.ndarray:
     """(n,) bool: the rows of x (n,), all finite, at an end stop.
 
@@ -53,14 +64,10 @@ def end_stops(x: np.ndarray, ends: Ends | None = None) -> np.ndarray:
     steps = np.abs(np.diff(x))
     if not steps.any():
         return stopped
-    values, rows = ends_of(x) if ends is None else ends
-    if len(values) < FEWEST_LEVELS:
-        return stopped
     repeats, usual = steps == 0.0, float(np.median(steps[steps > 0.0]))
-    at_end = [value for value, count, beside in ((values[-1], rows[-1], rows[-1 - BESIDE_VALUES:-1]),
-                                                 (values[0], rows[0], rows[1:1 + BESIDE_VALUES]))
-              if abs(value) > MIN_STOP * np.max(np.abs(values))
-              and count >= max(FEWEST_STOPPED, MORE_OFTEN * np.max(beside))]
+    at_end = last_values(ends_of(x))
+    if ends is not None:   # what is an end of these rows alone is a place where a coarse channel rests
+        at_end = [value for value in at_end if value in last_values(ends)]
     elsewhere = ~np.isin(x[1:], at_end)
     if np.count_nonzero(repeats & elsewhere) > SELDOM * np.count_nonzero(elsewhere):
         return stopped
