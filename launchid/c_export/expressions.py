@@ -12,7 +12,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .folding import Fact, extents_of, walk
 from .inference import BY_HAND, TESTS, Inference, indices, is_unsigned, of_module, whole_number
@@ -22,15 +22,17 @@ from .kinds import (
     INTEGER,
     TRUTH,
     Array,
-    Called,
     Kind,
     Several,
     Struct,
     Untranslatable,
-    Whole,
     join,
     literal,
 )
+
+if TYPE_CHECKING:
+    from .kernel import Kernel
+    from .program import Unit
 
 # how tightly they bind
 ATOM, UNARY, PRODUCT, SUM, PRECEDENCE_OF_ORDER, EQUALITY, AND, OR, CHOICE = 20, 14, 13, 12, 10, 9, 5, 4, 3
@@ -104,9 +106,9 @@ def address(pointer: str, offset: str) -> str:
 class Expressions:
     """The expressions of one kernel.  arrays: local tuples that are indexed by a variable, in C arrays."""
 
-    def __init__(self, unit: Whole, kinds: Inference, module: str, arrays: Sequence[str]) -> None:
+    def __init__(self, unit: "Unit", kinds: Inference, module: str, arrays: Sequence[str]) -> None:
         self.unit, self.kinds, self.module, self.arrays = unit, kinds, module, arrays
-        self.calls: list[tuple[Called, list[Fact]]] = []
+        self.calls: list[tuple[Kernel, list[Fact]]] = []
 
     def __call__(self, node: ast.expr, tightness: int = 0) -> str:
         """C of an expression, in brackets if it binds less tightly."""

@@ -3,7 +3,7 @@
 import ast
 import inspect
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .folding import Fact, Facts
 from .kinds import (
@@ -12,17 +12,19 @@ from .kinds import (
     TRUTH,
     VOID,
     Array,
-    Called,
     Kind,
     Known,
     Several,
     Struct,
     Untranslatable,
-    Whole,
     join,
     kind_of,
     loosened,
 )
+
+if TYPE_CHECKING:
+    from .kernel import Kernel
+    from .program import Unit
 
 INFERENCE_PASSES = 8   # a kernel whose kinds do not settle in so many has a variable that changes its kind
 TESTS = ("np.isfinite", "np.isnan", "np.isinf")
@@ -57,9 +59,10 @@ def whole_number(node: ast.expr) -> int:
 class Inference:
     """Kinds in one kernel for one choice of its arguments."""
 
-    def __init__(self, unit: Whole, tree: ast.FunctionDef, around: dict[str, Any], kinds: Sequence[Kind],
+    def __init__(self, unit: "Unit", tree: ast.FunctionDef, around: dict[str, Any], kinds: Sequence[Kind],
                  given: Sequence[Fact]) -> None:
-        self.unit, self.globals, self.asked = unit, around, set[Called]()
+        self.unit, self.globals = unit, around
+        self.asked: set[Kernel] = set()
         names = [argument.arg for argument in tree.args.args]
         self.names: dict[str, Kind] = dict(zip(names, kinds, strict=True))
         self.facts = Facts(self, tree, dict(zip(names, given, strict=True)))
@@ -100,7 +103,7 @@ class Inference:
             return None
         return self.called(call).answer
 
-    def called(self, call: ast.Call) -> Called:
+    def called(self, call: ast.Call) -> "Kernel":
         """The kernel that a call calls."""
         kernel = self.unit.kernel(self.outside(call.func), [loosened(self.of(argument)) for argument in call.args],
                                   lambda: [self.facts(argument) for argument in call.args])

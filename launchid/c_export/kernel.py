@@ -6,7 +6,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .expressions import SYMBOLS, UNARY, Expressions, times, word
 from .folding import Fact, changed, extents_of, walk
@@ -18,13 +18,14 @@ from .kinds import (
     TRUTH,
     VOID,
     Array,
-    Called,
     Kind,
     Several,
     Struct,
     Untranslatable,
-    Whole,
 )
+
+if TYPE_CHECKING:
+    from .program import Unit
 
 INDENT = "    "
 ZERO: dict[Kind, str] = {FLOAT: "0.0", INTEGER: "0", TRUTH: "false"}
@@ -138,7 +139,7 @@ def first_assignments(function: ast.FunctionDef) -> dict[int, set[str]]:
 class Kernel:
     """A kernel for one choice of its arguments' kinds."""
 
-    def __init__(self, unit: Whole, function: Callable[..., Any], arguments: tuple[Kind, ...], name: str) -> None:
+    def __init__(self, unit: "Unit", function: Callable[..., Any], arguments: tuple[Kind, ...], name: str) -> None:
         self.unit, self.name, self.function, self.arguments = unit, name, function, arguments
         self.module, self.around = function.__module__, function.__globals__
         self.given: list[Fact] = [None] * len(arguments)
@@ -186,7 +187,7 @@ class Kernel:
         return before != (repr(self.answer), self.hands_on)
 
     @property
-    def asked(self) -> set[Called]:
+    def asked(self) -> "set[Kernel]":
         """The kernels whose kinds and answers it has asked for."""
         return self.kinds.asked
 

@@ -7,9 +7,8 @@ struct, handed on by its address) and, as results, plain tuples.  An integer of 
 
 import math
 import re
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -157,38 +156,6 @@ def join(a: Kind | None, b: Kind | None) -> Kind | None:
 def _must(kind: Kind | None) -> Kind:
     assert kind is not None
     return kind
-
-
-class Called(Protocol):
-    """A kernel that has been translated: its C name, and the kind of its result."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def result(self) -> Kind | None: ...
-
-    @property
-    def answer(self) -> Any: ...
-
-    @property
-    def is_pure(self) -> bool: ...
-
-    def written(self, given: Iterable[Any]) -> list[Any]:
-        """Of what is given for its arguments, what C hands on."""
-
-
-class Whole(Protocol):
-    """The C file being made, as the translation of one kernel sees it (`program.Unit`)."""
-
-    def kernel(self, dispatcher: Any, kinds: Iterable[Kind], given: Callable[[], list[Any]] | None = None) -> Called:
-        """The translation of another kernel for arguments of these kinds, of which a call says what is `given`."""
-
-    def c(self, kind: Kind) -> str:
-        """The C type of a kind."""
-
-    def constant(self, module: str, name: str, value: Any) -> str:
-        """The C name of a module's constant."""
 
 
 def literal(value: Any) -> str:

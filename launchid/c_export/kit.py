@@ -12,8 +12,7 @@ from .vectors import Flight, header
 
 CONSTANT_FILES = ("example.c", "eva.c", "Makefile", "target.c", "target.ld")  # the same for every configuration
 SAMPLE_UNITS = {"t": "s", "theta": "rad", "theta_dot": "rad/s", "beta": "rad", "theta_ddot": "rad/s^2",
-                "beta_cmd": "rad",
-                "gamma": "rad"}
+                "beta_cmd": "rad", "gamma": "rad"}
 OUTPUTS = (  # name, unit, of a launchid_estimate
     ("t_end", "s", "t_end"), ("a6", "1/s^2", "a6"), ("k1", "1/s^2", "k1"), ("a6_std", "1/s^2", "a6_std"),
     ("k1_std", "1/s^2", "k1_std"), ("tracked_a6", "1/s^2", "tracked.a6"), ("tracked_k1", "1/s^2", "tracked.k1"),

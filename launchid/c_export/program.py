@@ -379,7 +379,6 @@ class Unit:
         waiting = list(found)
         while waiting:
             for called, facts in waiting.pop().c.calls:
-                assert isinstance(called, Kernel)
                 if called in found:
                     found[called] = [shared(a, b) for a, b in zip(found[called], facts, strict=True)]
                 else:
