@@ -17,7 +17,7 @@ the answers by the labels of today.  --compare prints both side by side and ever
 status 1 where an answer got worse (right before, or wrong only now).  Without it: 1 where an answer is wrong.
 
 Cases whose log is not here are skipped, with a line: measured logs that may not be passed on lie in a --folder
-(`real_fetched.py`), J246 needs the extra `judges`.  What only judges (part "judge") runs with --judge alone: nothing
+(`real_suite.py`), J246 needs the extra `judges`.  What only judges (part "judge") runs with --judge alone: nothing
 may be chosen on it.
 
 --fresh FIRST COUNT: so many flights of the set's own kinds with other seeds, from FIRST on, at 25, 50, 100 and 200 Hz

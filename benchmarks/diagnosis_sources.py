@@ -146,7 +146,7 @@ def _log(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Path, .
     path = next((folder / f"{name}.csv" for folder in (MEASURED_LOGS, PUBLIC, *folders)
                  if (folder / f"{name}.csv").is_file()), None)
     if path is None:
-        raise Absent(f"{name}.csv is in none of the folders given (benchmarks/real_fetched.py says where it is from)")
+        raise Absent(f"{name}.csv is in none of the folders given (benchmarks/real_suite.py says where it is from)")
     return read_log(path, ("t",)), named_nominal(case.nominal, nominals), {}, ()
 
 

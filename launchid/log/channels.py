@@ -14,7 +14,7 @@ import numpy as np
 
 from .fault import Fault
 from .runs import runs_of
-from .stops import SENSED, ran_over, stopped
+from .stops import SENSED, Ends, ran_over, stopped
 
 SENSOR_COLUMNS = ("theta", "theta_dot", "beta")  # by sensors: these may freeze and spike
 NOZZLE_COLUMN, COMMAND_COLUMN = "beta", "beta_cmd"
@@ -45,10 +45,11 @@ def _plural(count: int, word: str) -> str:
 
 
 def judged(t: np.ndarray, columns: Mapping[str, np.ndarray], usable: np.ndarray,
-           own: Mapping[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[Fault]]:
+           own: Mapping[str, np.ndarray], ends: Mapping[str, Ends]) -> tuple[dict[str, np.ndarray], list[Fault]]:
     """(masks as `detect.DataCheck`'s, faults) of every column (n,) by itself.
 
     usable (n,) bool: of the stamps;  own  (n,) bool of each measured column: not repeated or interpolated by a logger
+    ends    of sensed columns: of all rows so far, where these are the last
     """
     masks: dict[str, np.ndarray] = {}
     faults: list[Fault] = []
@@ -63,7 +64,7 @@ def judged(t: np.ndarray, columns: Mapping[str, np.ndarray], usable: np.ndarray,
         if name == "theta_dot":
             faults += ran_over(name, t, columns[name], masks[name])
         if name in SENSED:
-            faults += stopped(name, t, columns[name], masks[name])
+            faults += stopped(name, t, columns[name], masks[name], ends.get(name))
         faults += frozen_runs(name, t, columns[name], masks[name], own[name], resting)
         command = np.where(masks[COMMAND_COLUMN], columns[COMMAND_COLUMN],
                            np.nan) if name == NOZZLE_COLUMN else np.full(len(t), np.nan)

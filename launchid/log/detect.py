@@ -9,7 +9,9 @@ stale values of a coarsely quantised channel show only by their length or the ju
 at their end; a fault for a part of the log only is not a sign or unit fault.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from .fault import Fault
 from .log import SHORTEST_STEP, Log
 from .rates import Rate, rate_of, slower
 from .slope import Columns, unit_of_time
+from .stops import Ends
 from .vehicle import guided_faults
 
 __all__ = ["DataCheck", "Fault", "check"]
@@ -51,17 +54,18 @@ class DataCheck:
         return len(self.faults) > 0
 
 
-def check(log: Log, nominal: Nominal | None) -> DataCheck:
+def check(log: Log, nominal: Nominal | None, ends: Mapping[str, Ends] = MappingProxyType({})) -> DataCheck:
     """Judge a log of any content; never raises for what a readable log may hold.
 
     nominal  for the sample period (unit of time), the actuator's and the controller's equations; None: every channel
              by itself alone
+    ends     of all rows so far (`stops.ends_of`), where the log is their last ones
     """
     usable = stamps.usable_rows(log.t)
     faults = stamps.stamp_faults(log.t, usable)
     rates = {name: rate_of(log.t, getattr(log, name)) for name in channels.SENSOR_COLUMNS}
     masks, single = channels.judged(log.t, {name: getattr(log, name) for name in VALUES}, usable,
-                                    {name: rate.own for name, rate in rates.items()})
+                                    {name: rate.own for name, rate in rates.items()}, ends)
     faults += single
     if "alpha" in log.columns:
         masks["alpha"] = np.isfinite(log.alpha) & usable

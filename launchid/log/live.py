@@ -3,8 +3,8 @@ before it and the few behind it.
 
 Only afterwards can be known: what a column is of (unit, sign, another device), whose stamps lie on a coarse grid, that
 theta was logged within a turn (the estimator undoes that by itself), that a channel has had a slower rate from its
-first rows on, that a value comes again and again (an end stop) while it has not yet, and that a sensor is still frozen
-after CONTEXT rows.
+first rows on, that a value comes again and again (an end stop) while it has not yet (the ends of all rows so far are
+kept), and that a sensor is still frozen after CONTEXT rows.
 """
 
 import dataclasses
@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from .channels import ROWS_NEXT_TO
+from .channels import LARGEST_ANGLE, ROWS_NEXT_TO
 from .check import measured
 from .detect import check
 from .log import Log
+from .stops import SENSED, Ends, ends_of
 
 CONTEXT = 300      # rows before a row, by which it is judged
 BEHIND = ROWS_NEXT_TO + 3  # rows behind it: a spike shows by these
@@ -35,12 +36,13 @@ class LiveCheck:
         self._block = max(1, round(SAME_MOMENT / period))
         self._kept: Log | None = None
         self._judged = 0   # of the kept rows: these are context
+        self._ends: dict[str, Ends] = {}   # of the rows so far
 
     def add(self, log: Log) -> Iterator[Log]:
         """Return the rows that can be judged now that these have come."""
         if self._kept is not None and self._kept.columns != log.columns:   # another header: another log
             yield from self.rest()
-            self._kept, self._judged = None, 0
+            self._kept, self._judged, self._ends = None, 0, {}
         self._kept = log if self._kept is None else rows_of(self._kept, log)
         while len(self._kept.t) - self._judged >= self._block + BEHIND:
             yield self._out(self._judged + self._block, BEHIND)
@@ -54,7 +56,11 @@ class LiveCheck:
         """Return the rows up to `end`, judged with so many behind them."""
         assert self._kept is not None
         seen = part(self._kept, 0, end + behind)
-        out = part(measured(seen, check(seen, None)), self._judged, end)
+        new = part(seen, self._judged, end)
+        for name in SENSED:
+            x = getattr(new, name)
+            self._ends[name] = ends_of(x[np.abs(x) <= LARGEST_ANGLE], self._ends.get(name))
+        out = part(measured(seen, check(seen, None, self._ends)), self._judged, end)
         begin = max(0, end - CONTEXT)
         self._kept, self._judged = part(self._kept, begin, len(self._kept.t)), end - begin
         return out

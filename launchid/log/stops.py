@@ -31,33 +31,60 @@ CHOSEN = 3             # rows beside a stop that are left out with it
 MIN_ROWS_AT_STOP = 3   # rows beyond the end, once at least: else these are spikes
 
 
-def end_stops(x: np.ndarray) -> np.ndarray:
-    """(n,) bool: the rows of x (n,), all finite, at an end stop."""
+Ends = tuple[np.ndarray, np.ndarray]  # values in order, and how many rows have each
+
+
+def ends_of(x: np.ndarray, before: Ends | None = None) -> Ends:
+    """The values at both ends of all that came before and of x (n,), no more of them than `end_stops` asks for."""
+    values, rows = np.unique(x, return_counts=True)
+    if before is not None:
+        values, place = np.unique(np.concatenate([before[0], values]), return_inverse=True)
+        rows = np.bincount(place, np.concatenate([before[1], rows]), len(values)).astype(int)
+    kept = np.r_[:len(values)] if len(values) <= 2 * FEWEST_LEVELS else np.r_[:FEWEST_LEVELS, -FEWEST_LEVELS:0]
+    return values[kept], rows[kept]
+
+
+def last_values(ends: Ends) -> list[float]:
+    """The last values that have far more rows than those next to them."""
+    values, rows = ends
+    if len(values) < FEWEST_LEVELS:
+        return []
+    return [float(value) for value, count, beside in ((values[-1], rows[-1], rows[-1 - BESIDE_VALUES:-1]),
+                                                      (values[0], rows[0], rows[1:1 + BESIDE_VALUES]))
+            if abs(value) > MIN_STOP * np.max(np.abs(values))
+            and count >= max(FEWEST_STOPPED, MORE_OFTEN * np.max(beside))]
+
+
+def end_stops(x: np.ndarray, ends: Ends | None = None) -> np.ndarray:
+    """(n,) bool: the rows of x (n,), all finite, at an end stop.
+
+    ends  of all rows so far, of which x are the last; None: x are all
+    """
     stopped = np.zeros(len(x), bool)
     steps = np.abs(np.diff(x))
     if not steps.any():
         return stopped
-    values, rows = np.unique(x, return_counts=True)
-    if len(values) < FEWEST_LEVELS:
-        return stopped
     repeats, usual = steps == 0.0, float(np.median(steps[steps > 0.0]))
-    ends = [value for value, count, beside in ((values[-1], rows[-1], rows[-1 - BESIDE_VALUES:-1]),
-                                               (values[0], rows[0], rows[1:1 + BESIDE_VALUES]))
-            if abs(value) > MIN_STOP * np.max(np.abs(x)) and count >= max(FEWEST_STOPPED, MORE_OFTEN * np.max(beside))]
-    elsewhere = ~np.isin(x[1:], ends)
+    at_end = last_values(ends_of(x))
+    if ends is not None:   # what is an end of these rows alone is a place where a coarse channel rests
+        at_end = [value for value in at_end if value in last_values(ends)]
+    elsewhere = ~np.isin(x[1:], at_end)
     if np.count_nonzero(repeats & elsewhere) > SELDOM * np.count_nonzero(elsewhere):
         return stopped
-    for at in (x == value for value in ends):
+    for at in (x == value for value in at_end):
         entries = [steps[max(0, start - ENTRY):start].max(initial=0.0) for start, end in runs_of(at) if end < len(x)]
         if max(entries, default=0.0) > LARGEST_STEP_AT_REST * usual:
             stopped |= at
     return stopped
 
 
-def stopped(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray) -> Iterator[Fault]:
-    """Rows of x (n,) at an end stop of its sensor; clears them in mask (n,) inout."""
+def stopped(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, so_far: Ends | None = None) -> Iterator[Fault]:
+    """Rows of x (n,) at an end stop of its sensor; clears them in mask (n,) inout.
+
+    so_far  as `end_stops`' ends
+    """
     rows = np.flatnonzero(mask)
-    at = rows[end_stops(x[rows])] if len(rows) else rows
+    at = rows[end_stops(x[rows], so_far)] if len(rows) else rows
     if len(at):
         near = np.convolve(np.isin(rows, at), np.ones(2 * CHOSEN + 1), mode="same") > 0.5
         mask[rows[near]] = False   # of rows beside it noise chose those below it

@@ -1,40 +1,55 @@
-"""The data check of a source's first rows."""
+"""The data check of a source's rows so far: what only many rows show (units, signs, stamps)."""
 
 from sim.errors import InputError
 from sim.nominal import Nominal
 
-from ..log.check import faults
+from ..log.check import checked
 from ..log.live import rows_of
 from ..log.log import REQUIRED, Log, log_of
 
 CHECKED = 10.0         # s of the log: by then a reversed sign shows, too; the check takes some 15 ms
 MOST_CHECKED = 20_000  # rows
+MOST_PIECES = 256      # that are kept one by one
 
 
 class FirstRows:
-    """The first rows, kept until there are enough of them for the check."""
+    """The rows so far, up to MOST_CHECKED of them: the check is asked when CHECKED are there, and again whenever they
+    are twice as many.
+
+    is_asked  whether it could be asked yet;  foreign  in words the columns of another quantity, as far as seen
+    """
 
     def __init__(self, path: str) -> None:
-        self._path, self._logs, self._done = path, list[Log](), False
+        self._path, self._logs, self._asked_at = path, list[Log](), 0
+        self._said: set[tuple[str, str | None]] = set()
         self.count = 0  # rows that are kept
+        self.is_asked, self.foreign = False, ""
 
     def add(self, log: Log) -> None:
         """Rows that came.  Those before another header are not kept."""
-        if self._done or self.count >= MOST_CHECKED:
+        if self.count >= MOST_CHECKED:
             return
         if self._logs and log.columns != self._logs[0].columns:
-            self._logs, self.count = [], 0
+            self._logs, self.count, self._asked_at = [], 0, 0
         self._logs.append(log)
         self.count += len(log.t)
+        if len(self._logs) > MOST_PIECES:
+            self._logs = [rows_of(*self._logs)]
 
     def checked(self, nominal: Nominal, period: float, ended: bool) -> str:
-        """Return the data check's finding, once: when rows suffice or no more come.  Else ''."""
-        if self._done or (self.count < min(CHECKED / period, MOST_CHECKED) and not ended):
+        """Return what the data check finds and did not before, if rows suffice or no more come.  Else ''."""
+        is_due = self.count >= min(max(CHECKED / period, 2 * self._asked_at), MOST_CHECKED) or ended
+        if not is_due or (self.is_asked and self.count <= self._asked_at):
             return ""
+        self.is_asked, self._asked_at = True, self.count
         try:
-            rows = log_of(rows_of(*self._logs).measured() if self._logs else dict.fromkeys(REQUIRED, ()), self._path)
-            words = "; ".join(fault.message for fault in faults(rows, nominal))
+            seen = checked(log_of(rows_of(*self._logs).measured() if self._logs else dict.fromkeys(REQUIRED, ()),
+                                  self._path), nominal)
+            self.foreign = seen.foreign
+            words = "; ".join(fault.message for fault in seen.faults if (fault.kind, fault.channel) not in self._said)
+            self._said |= {(fault.kind, fault.channel) for fault in seen.faults}
         except InputError as error:
-            words = str(error)
-        self._done, self._logs, self.count = True, [], 0
+            words = self.foreign = str(error)
+        if self.count >= MOST_CHECKED:
+            self._logs = []
         return f"{self._path}: the data check of the first rows: {words}" if words else ""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from launchid_core import EDGES, Config, Estimate, Estimator, Status
+from launchid_core import EDGES, Config, Estimate, EstimateStatus, Estimator, Status
 from sim.errors import InputError, Told, UsageError
 from sim.nominal import Nominal
 from sim.shown import servo_lines
@@ -28,6 +28,7 @@ from ..identification.windows import (
 from ..log.live import LiveCheck
 from ..log.log import Log, log_of
 from ..robustness.level import level_json, ranged_model
+from ..weakform.windows import refused
 from .first_rows import FirstRows
 from .live import Live, Row
 from .rate import Rate
@@ -69,7 +70,7 @@ class Follower:
         self._t, self._shown, self._came = math.nan, -math.inf, math.inf
         self.estimates: deque[Estimate] = deque(maxlen=LAST_WINDOWS)
         self._notes: list[str] = []
-        self._first, self._rate = FirstRows(source), Rate(source)
+        self._first, self._rate, self._stand = FirstRows(source), Rate(source), (False, "")
         self._waiting: deque[Log] = deque(maxlen=MOST_WAITING)  # until the period is known
         self._live_check = LiveCheck(self._ready.sample_period)
         self._is_known, self._refused = period is not None, ""  # is the period sure; why the last one was not used
@@ -116,7 +117,7 @@ class Follower:
             if period is not None and not self._is_known:
                 self._try(period)
         if self.estimator is not None:
-            self._check(ended=False)
+            self.check(ended=False)
 
     def end(self) -> None:
         """No more rows come; InputError if there were too few to say anything."""
@@ -126,7 +127,7 @@ class Follower:
             except Told as error:
                 raise InputError(self._refused or str(error)) from None
         self.feed_rest()
-        self._check(ended=True)
+        self.check(ended=True)
 
     def feed_rest(self) -> None:
         """The rows that wait to be judged by those behind them, which do not come."""
@@ -161,12 +162,26 @@ class Follower:
             self._note(f"{self._source}: slower than the controller: the commands between its rows are taken as held, "
                        "and the standard deviations are wider for it")
 
-    def _check(self, ended: bool) -> None:
+    def check(self, ended: bool) -> None:
+        """Ask the data check if it is time, or if no more rows come."""
         assert self.estimator is not None
         if words := self._first.checked(self._nominal, self.estimator.config.sample_period, ended):
             if self._strict:
                 raise InputError(words)
             self._note(words)
+        if (stand := (self._first.is_asked, self._first.foreign)) != self._stand:   # that of earlier windows, too
+            self._stand, closed = stand, {instant(e.t_end): e for e in self.estimates}
+            windows = self.live.windows
+            windows.rows = [window_row(self._judged(closed[row[1]])) if row[1] in closed else row
+                            for row in windows.rows]
+            self.live.revision += 1
+
+    def _judged(self, estimate: Estimate) -> Estimate:
+        """The window as the data check of the rows so far lets it stand, as `identify` does with the whole log's."""
+        if not estimate.valid or (self._first.is_asked and not self._first.foreign):
+            return estimate
+        return refused(estimate) if self._first.foreign else dataclasses.replace(
+            estimate, valid=False, status=EstimateStatus.UNCHECKED)
 
     def _note(self, text: str) -> None:
         if text not in self._notes:
@@ -193,7 +208,7 @@ class Follower:
         self.estimates.append(estimate)
         self.closed += 1
         self._is_known |= estimate.valid
-        self.live.windows.add(window_row(estimate))
+        self.live.windows.add(window_row(self._judged(estimate)))
         self.live.revision += 1
 
     def _point(self, estimator: Estimator) -> None:
@@ -233,9 +248,9 @@ class Follower:
         if estimate is None:
             return known
         self.live.changes = [_rounded(change_json(change)) for change in self.estimator.changes()]
-        levels = estimate.uncertainty
-        return {**known, "windows": self.closed, "window": window_row(estimate),
-                "why": REASONS.get(estimate.status.name, ""), "tracked": _rounded(tracked_json(estimate)),
+        levels, window = estimate.uncertainty, self._judged(estimate)
+        return {**known, "windows": self.closed, "window": window_row(window),
+                "why": REASONS.get(window.status.name, ""), "tracked": _rounded(tracked_json(estimate)),
                 "servo": "".join(servo_lines(actuator_json(estimate).get("actuator", {}))),
                 "level": None if levels is None or not levels.valid else
                 {name: _rounded(level_json(getattr(levels, name))) for name in ("a6", "k1")}}
@@ -250,7 +265,7 @@ class Follower:
     def report(self) -> dict[str, Any]:
         """identify's JSON of the last LAST_WINDOWS windows, without the fits, which need the whole log."""
         assert self.estimator is not None
-        answer = report(list(self.estimates), self.estimator, tracked=True)
+        answer = report([self._judged(e) for e in self.estimates], self.estimator, tracked=True)
         return answer | {"earlier_windows": self.closed - len(self.estimates)}
 
 

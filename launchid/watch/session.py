@@ -44,7 +44,7 @@ def watch(source: Source, nominal: Nominal, *, window: float = DEFAULT_WINDOW, p
     """Follow a source and serve the page until it ends or Ctrl-C comes.
 
     window, period   [s] of the estimator; period None: what the first rows say
-    strict           what the data check of the first rows finds is an InputError
+    strict           what the data check of the rows so far finds is an InputError
     mapping          the map of rows with other names and units
     http             port of the page on the loopback; 0: any free one
     say              told where the page is, and of rows that cannot be read
@@ -63,6 +63,7 @@ def watch(source: Source, nominal: Nominal, *, window: float = DEFAULT_WINDOW, p
         if follower.estimator is None:
             raise
         follower.feed_rest()
+        follower.check(ended=True)
     finally:
         follower.tick("ended", lines.malformed, lines.last)
         server.end()

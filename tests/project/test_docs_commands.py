@@ -33,7 +33,7 @@ ELSEWHERE = {   # what begins so is run elsewhere, or is no command of this proj
     "some_program": "stands for the reader's own", "socat": "another project's", "#!/bin/sh": "a job of a cluster",
     "N=": "the same", "launchid watch udp": "waits for a sender", "launchid watch tcp": "waits for a sender",
     "launchid watch - ": "waits for a writer",
-    "python benchmarks/real_fetched.py": "says how to fetch what is not shipped",
+    "python benchmarks/real_suite.py": "needs logs that are not shipped",
     "launchid campaign vega_like --merge": "merges what a cluster's jobs wrote"}
 QUICK = ("simulate", "identify", "uncertainty", "effects", "convert")  # a second or so each, kernels being compiled
 WRITES = ("--out", "--json", "--plot", "--resid", "--report")
