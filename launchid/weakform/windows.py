@@ -247,7 +247,7 @@ def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) 
         relative = std[pair] / np.abs(fit.xi[pair])
         sizes = np.sqrt(np.sum(m.phi**2, axis=0))
         worth = std[pair] * sizes[pair] / np.max(np.abs(fit.xi) * sizes)
-        if np.all(relative > 1.0) or np.max(worth) > WORTH:
+        if relative[1] > 1.0 or np.max(worth) > WORTH:   # a beta that may do nothing may be any column
             return dataclasses.replace(blank, status=EstimateStatus.LOW_INFORMATION)
         if abs(correlation) > ALIKE and np.all(relative > VAGUE):
             return dataclasses.replace(blank, status=EstimateStatus.SEPARATION)

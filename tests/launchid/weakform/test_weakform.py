@@ -39,11 +39,13 @@ def named(columns: dict[str, np.ndarray], terms: tuple[str, ...] = TERMS) -> lis
     return [lack.what for lack in asked(columns, terms).lacks]
 
 
-def driven(seconds: float, gyro: float, disturbance: float, seed: int) -> Rows:
-    """theta_ddot = -4 theta - 6 beta + 0.1 + white disturbance, beta of eight tones, without any other noise."""
+def driven(seconds: float, gyro: float, disturbance: float, seed: int, quiet: float = 0.0) -> Rows:
+    """theta_ddot = -4 theta - 6 beta + 0.1 + white disturbance, beta of eight tones, next to none in the last `quiet` s,
+    without any other noise."""
     rng, n = np.random.default_rng(seed), round(seconds / H)
     t = np.arange(n) * H
     beta = 0.02 * np.sum([np.sin(w * t + rng.uniform(0.0, 6.28)) for w in np.linspace(0.5, 12.0, 8)], axis=0)
+    beta *= np.where(t < seconds - quiet, 1.0, 1e-4)
     w, c, s = 2.0, math.cos(2.0 * H), math.sin(2.0 * H)
     x, v = np.zeros(n), np.zeros(n)
     for k in range(n - 1):
@@ -177,6 +179,15 @@ def test_whiteness_is_a_p_value_of_white_rests():
         _, squares, many, _ = spectrum(gls(m), m, 12)
         low += whiteness(squares, many) < 0.05
     assert low <= 6
+
+
+def test_a_window_in_which_beta_may_do_nothing_is_not_valid():
+    """The swing goes on and tells a6 to a per cent; k1 is zero within its deviation: any column would do as well."""
+    rows = driven(40.0, 1e-3, 0.02, 1, quiet=10.0)
+    columns = {"t": rows.t, "theta": rows.theta + 1e-5 * np.random.default_rng(2).normal(size=len(rows.t)),
+               "theta_dot": rows.theta_dot, "beta": rows.beta}
+    found = launchid.identify(columns, window=10.0).report["windows"]
+    assert [w["valid"] for w in found] == [True, True, True, False] and found[3]["status"] == "LOW_INFORMATION"
 
 
 # ---- the judge
