@@ -40,8 +40,8 @@ def named(columns: dict[str, np.ndarray], terms: tuple[str, ...] = TERMS) -> lis
 
 
 def driven(seconds: float, gyro: float, disturbance: float, seed: int, quiet: float = 0.0) -> Rows:
-    """theta_ddot = -4 theta - 6 beta + 0.1 + white disturbance, beta of eight tones, next to none in the last `quiet` s,
-    without any other noise."""
+    """theta_ddot = -4 theta - 6 beta + 0.1 + white disturbance, without any other noise; beta of eight tones, next to
+    none in the last `quiet` s."""
     rng, n = np.random.default_rng(seed), round(seconds / H)
     t = np.arange(n) * H
     beta = 0.02 * np.sum([np.sin(w * t + rng.uniform(0.0, 6.28)) for w in np.linspace(0.5, 12.0, 8)], axis=0)
