@@ -138,18 +138,23 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
     if result.is_held:
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
     fitted = result.judged.fitted if weak else result.estimates
-    return Identification(log, nominal, result.config, fitted, report_of(result, tracked), library,
-                          result.estimator.changes() if config.formulation == "filtered" else (), said, weak)
+    return Identification(log, nominal, result.config, result.judged.estimates, fitted, report_of(result, tracked),
+                          library, result.estimator.changes() if config.formulation == "filtered" else (), said, weak)
 
 
 @dataclass(frozen=True, eq=False)
 class Identification(Answer):
-    """a6, k1 and the active terms of a log, window by window."""
+    """a6, k1 and the active terms of a log, window by window.
+
+    estimates  what can be believed: those that the log contradicts are not valid, and have no numbers
+    fitted     the same before any was refused: what residuals are shown of
+    """
 
     log: Log
     nominal: Nominal | None
     config: Config
     estimates: list[Estimate]
+    fitted: list[Estimate]
     report: dict[str, Any]
     library: str
     changes: tuple[Change, ...] = ()
@@ -196,7 +201,7 @@ class Identification(Answer):
     def residuals(self, path: str | Path | None = None) -> Figure:
         """A figure of the windows' residuals, whether they are white, and predictions over horizons."""
         from ..results.residuals import residuals
-        left = residuals(self.log, self.estimates, self.nominal if self.config.formulation == "filtered" else None)
+        left = residuals(self.log, self.fitted, self.nominal if self.config.formulation == "filtered" else None)
 
         def figure() -> Figure:
             from ..results.figures import residual_figure

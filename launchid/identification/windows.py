@@ -23,7 +23,7 @@ from ..log.rates import HELD_WORD
 from ..onboard import MODELLED, onboard_model
 from ..weakform.judge import LIBRARY, Lack
 from ..weakform.rows import FAST_THETA, near_all
-from ..weakform.windows import Judged, judged_windows, refused, withdrawn
+from ..weakform.windows import Judged, disbelieved, judged_windows, withdrawn
 
 PART = 50_000  # samples between two reports of progress: about a fifth of a second
 
@@ -76,7 +76,7 @@ def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional
     is_filtered = config.formulation == "filtered"
     judged = judged_windows(seen, config, withdrawn(estimates) if is_filtered else estimates, is_weak, optional)
     if seen.foreign or (not is_filtered and seen.doubtful):
-        judged = replace(judged, estimates=[refused(e) for e in judged.estimates])
+        judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])
     return Identified(seen, config, estimator, estimates, judged, is_weak)
 
 

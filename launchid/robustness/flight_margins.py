@@ -133,7 +133,7 @@ def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate]) ->
         windows = [(e.t_start, e.t_end) for e in estimates]
         asked = contradictions(follows, windows, servos)
         found = asked.found
-        if not declared.covariance.any():
+        if not declared.covariance.any() and np.isfinite(asked.shown).all():
             w, zeta, delay = asked.shown
             flown.assumed.append(f"the servo's numbers are those declared: differences below {w:.2g} rad/s, "
                                  f"{zeta:.2g} of the damping ratio, {1e3 * delay:.2g} ms of delay would not have shown"

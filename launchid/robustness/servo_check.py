@@ -35,8 +35,8 @@ MIN_INNOVATIONS = 20   # innovations, without which nothing is said
 UNKNOWN = 0.1          # rad, one sigma of the nozzle where the log begins
 MOST_GAP = 1.5         # of the log's period, behind which it begins anew
 SLOPE_STEPS = (0.01, 0.01, 5e-4, 0.01)  # of the slopes: ln frequency, damping ratio, delay [s], gain
-USUAL = [0, 1, 2, 3, 5]  # of ASKED and a constant: all but play
 ASKED = ("natural_frequency", "damping_ratio", "delay", "gain", "play")
+USUAL = [0, 1, 2, 3, 5]  # of ASKED and a constant: all but play
 
 
 @kernel

@@ -21,16 +21,18 @@ class FirstRows:
 
     def __init__(self, path: str) -> None:
         self._path, self._logs, self._asked_at = path, list[Log](), 0
+        self._columns: tuple[str, ...] = ()
         self._said: set[tuple[str, str | None]] = set()
         self.count = 0  # rows that are kept
         self.is_asked, self.foreign = False, ""
 
     def add(self, log: Log) -> None:
         """Rows that came.  Those before another header are not kept."""
+        if self._columns not in ((), log.columns):   # of which nothing is known yet
+            self._logs, self.count, self._asked_at, self.is_asked, self.foreign = [], 0, 0, False, ""
+        self._columns = log.columns
         if self.count >= MOST_CHECKED:
             return
-        if self._logs and log.columns != self._logs[0].columns:
-            self._logs, self.count, self._asked_at = [], 0, 0
         self._logs.append(log)
         self.count += len(log.t)
         if len(self._logs) > MOST_PIECES:

@@ -95,6 +95,11 @@ def _without_air(estimate: Estimate) -> Estimate:
     return dataclasses.replace(estimate, wind=nan, wind_std=nan, offsets={}, actuator=servo, tracked=tracked)
 
 
+def disbelieved(estimate: Estimate) -> Estimate:
+    """Return the window without any number: of a log with a column of another quantity than its name says."""
+    return dataclasses.replace(_without_air(refused(estimate)), uncertainty=None)
+
+
 def held_out(rows: Rows, estimate: Estimate, whiteness: float | None) -> WindowFit:
     """Return the fit of a window: how well its first two thirds predict its last third."""
     terms = active_terms(estimate)

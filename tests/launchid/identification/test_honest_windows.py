@@ -23,7 +23,7 @@ from launchid.log.check import checked
 from launchid.log.log import Log, flown_log, log_of, read_log, write_columns, write_flight
 from launchid.robustness.reconfigure import Supervisor
 from launchid.weakform.rows import usable
-from launchid.weakform.windows import judged_windows
+from launchid.weakform.windows import disbelieved, judged_windows
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core.regression import residual
 from sim.effects import from_text
@@ -284,13 +284,25 @@ def test_coefficients_that_the_weak_form_contradicts_are_refused(clean):
     assert "coefficients" in [lack.what for lack in made.lacks]
 
 
+def test_of_a_column_of_another_quantity_no_number_is_left():
+    """Neither the window's nor the tracked estimate nor the level, whatever the filter made of it."""
+    flight = fly_whole(load_nominal("vega_like"), 1)
+    found = identify(flown_log(flight), "vega_like", tracked=True).fitted[3]
+    assert found.valid and found.tracked.valid
+    left = disbelieved(found)
+    assert not (left.valid or left.tracked.valid) and left.uncertainty is None
+    assert all(math.isnan(x) for x in (left.a6, left.k1, left.tracked.a6, left.wind))
+
+
 def test_a_trim_is_in_the_default_library_and_refuses_one_that_lacks_it():
     """A wind of 1.7 degrees makes a6 40 % wrong without a constant."""
     flight = fly_whole(load_nominal("constant"), 1, effects=(from_text("steady_wind:angle=0.03"),))
     made = identify(flown_log(flight), window="all").report["windows"][0]
     assert made["status"] == "OK" and abs(made["a6"] - 2.0) < 3.0 * made["a6_std"] < 0.2
     assert made["terms"]["1"] == pytest.approx(0.06, abs=4.0 * made["terms_std"]["1"])
-    other = identify(flown_log(flight), window="all", library="rigid-body").report
+    refused = identify(flown_log(flight), window="all", library="rigid-body")
+    assert [e.status for e in refused.estimates] == [EstimateStatus.MODEL] and not refused.estimates[0].valid
+    other = refused.report
     assert [w["status"] for w in other["windows"]] == ["MODEL"] and "1" in [lack["what"] for lack in other["lacks"]]
 
 

@@ -1,5 +1,6 @@
 """`launchid watch`: identify's numbers while rows come, from files, pipes and sockets, on a page that costs nothing."""
 
+import dataclasses
 import functools
 import http.client
 import itertools
@@ -393,6 +394,20 @@ def test_the_data_check_of_the_first_rows(folder, nominal, tmp_path):
     made = session.result()
     assert made.interrupted is False and not any(w["valid"] for w in made.report["windows"])
     assert len([line for line in session.said if "the data check" in line and "degrees" in line]) == 1
+
+
+def test_another_header_is_unchecked_again(folder, nominal):
+    """Also behind the most rows that are kept: nothing is known of the columns that come then."""
+    log = read_log(folder / "flight.csv")
+    other = dataclasses.replace(log, columns=(*log.columns, "gamma"))
+    for pieces in (1, MOST_CHECKED // len(log.t) + 1):
+        first = FirstRows("log")
+        for _ in range(pieces):
+            first.add(log)
+        first.checked(nominal, log.period, ended=True)
+        assert first.is_asked
+        first.add(other)
+        assert not first.is_asked and first.count == len(log.t)
 
 
 # ---- memory and time
