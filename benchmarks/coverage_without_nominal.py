@@ -1,11 +1,11 @@
 """Coverage of the 95 % intervals of windows that know no nominal, over noises of the gyro and disturbances.
 
-    python benchmarks/coverage_without_nominal.py [--flights 60] [--seed 0]
+    python benchmarks/coverage_without_nominal.py [--flights 60] [--seed 0] [--command]
 
 Flights of the built-in nominal `constant` (60 s, its other noises as they are) with 3 gyros and 3 levels of unmodelled
 moments, in windows of 2, 5 and 10 s. Per line: the share of windows that are OK, the share of their intervals (+- 1.96
 standard deviations) of a6 and k1 that hold the truth, the rms of the errors over the standard deviations, the median
-standard deviation over the truth.
+standard deviation over the truth. --command: of logs without a nozzle, whose beta is the command.
 """
 
 import dataclasses
@@ -14,7 +14,7 @@ import numpy as np
 from flights import INTERVAL, Table, arguments, relative, run_jobs
 
 from launchid.commands.identify import identify
-from launchid.log.log import flown_log
+from launchid.log.log import flown_log, log_of
 from sim.flight import fly_whole
 from sim.nominal import Nominal, load_nominal
 
@@ -32,10 +32,12 @@ def noisy(gyro: float, disturbance: float) -> Nominal:
         simulation=dataclasses.replace(nominal.simulation, duration=SECONDS, acceleration_noise_std=disturbance))
 
 
-def job(gyro: float, disturbance: float, seed: int) -> list[tuple[int, np.ndarray]]:
+def job(gyro: float, disturbance: float, seed: int, is_command: bool) -> list[tuple[int, np.ndarray]]:
     """One flight, for each window length: how many windows, and of those that are OK what `relative` gives."""
     nominal = noisy(gyro, disturbance)
     log, a6, k1 = flown_log(fly_whole(nominal, seed)), nominal.vehicle.a6[0], nominal.vehicle.k1[0]
+    if is_command:
+        log = log_of({"t": log.t, "theta": log.theta, "theta_dot": log.theta_dot, "beta": log.beta_cmd})
     made = []
     for window in WINDOWS:
         estimates = identify(log, window=window).estimates
@@ -46,12 +48,12 @@ def job(gyro: float, disturbance: float, seed: int) -> list[tuple[int, np.ndarra
 
 def main() -> None:
     """Print the table."""
-    args = arguments(__doc__, flights=60, seed=0)
+    args = arguments(__doc__, flights=60, seed=0, command=False)
     table = Table("gyro 6g", "disturbance 6g", "window 5g", "OK 6.1%", "a6 covers 5.3f", "k1 5.3f", "rms a6 5.2f",
                   "k1 5.2f", "worst a6 5.1f", "k1 5.1f", "std a6 5.3f", "k1 5.3f")
     for gyro in GYROS:
         for disturbance in DISTURBANCES:
-            flights = run_jobs(job, [(gyro, disturbance, seed) for seed in args.seeds])
+            flights = run_jobs(job, [(gyro, disturbance, seed, args.command) for seed in args.seeds])
             for window, of_window in zip(WINDOWS, zip(*flights, strict=True), strict=True):
                 rows = np.concatenate([each for _, each in of_window])
                 off, std = np.abs(rows[:, :2] / rows[:, 2:]), rows[:, 2:]

@@ -4,6 +4,7 @@
 
 FOLDER   NAME.csv of logs that may not be passed on (`diagnosis_set.py --folder`), beside those of the labelled set and
          of the tests; RAW: files of SOURCES, fetched by hand, converted into FOLDER before; nothing is filtered
+Where no window is OK, the library that the answer advises is taken, as its reader does.
 A line a log: the windows that are OK, of the whole log and of 5 s; how far the furthest is from what is known; the R2
 with which a regression on an even grid (zero-phase low pass, the input delayed) predicts the last 40 % of the rows from
 the first 60 %.  Known is what the set says, else what the regression finds at its low passes where its R2 is 0.9 or
@@ -13,6 +14,7 @@ more.  Asked: none more than 4 of its deviations and 5 % off; an OK window in ha
 
 import argparse
 import dataclasses
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -141,11 +143,15 @@ def regression(log: Log, angle: str) -> tuple[float, dict[str, list[float]]]:
 
 
 def windows(log: Log, library: str | None, window: float | str) -> list[dict[str, Any]]:
-    """identify's windows without a nominal; of a refusal one."""
+    """identify's windows without a nominal, with the library that it advises where none is OK; of a refusal one."""
     try:
-        return identify(log, window=window, library=library).report["windows"] or [{"status": "NO WINDOW"}]
+        said = identify(log, window=window, library=library).report
+        advised = re.search(r"--library (\S+?);?(\s|$)", said.get("next", ""))
+        if advised is not None and not any(each["status"] == "OK" for each in said["windows"]):
+            said = identify(log, window=window, library=advised[1]).report
     except (InputError, UsageError):
         return [{"status": "refused"}]
+    return said["windows"] or [{"status": "NO WINDOW"}]
 
 
 def distances(window: dict[str, Any], terms: dict[str, str],
@@ -160,7 +166,10 @@ def distances(window: dict[str, Any], terms: dict[str, str],
 
 def with_input(log: Log) -> Log:
     """The log; its command as beta where there is no nozzle."""
-    return log if np.isfinite(log.beta).any() else dataclasses.replace(log, beta=log.beta_cmd)
+    if np.isfinite(log.beta).any():
+        return log
+    columns = tuple("beta" if name == "beta_cmd" else name for name in log.columns)
+    return dataclasses.replace(log, columns=columns, beta=log.beta_cmd, beta_cmd=log.beta)
 
 
 def logs(folder: Path, judge: bool) -> Iterator[tuple[str, Log, dict[str, Any], float | None]]:

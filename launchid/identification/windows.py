@@ -299,7 +299,9 @@ def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
         return said
     if "next" not in said and result.log.doubtful:
         said["next"] = result.log.doubtful
-    lead = result.judged.lead
+    lead, late = result.judged.lead, result.judged.late
+    if late is not None:
+        said["late"] = {"delay": late.lead.json, "lag": None if late.lag is None else late.lag.json}
     return said | {"delay": None if lead is None else lead.json}
 
 
@@ -419,6 +421,11 @@ def table(result: dict[str, Any]) -> str:
         lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {before} -> {after} "
                      f"1/s^2 (size {with_std(c['size'], c['size_std'])}{share_of(c)})")
     lines += servo_lines(result.get("actuator", {}))
+    if "late" in result:
+        delay, lag = result["late"]["delay"], result["late"]["lag"]
+        behind = "" if lag is None else f" and behind a lag of {with_std(1e3 * lag['value'], 1e3 * lag['std'])} ms"
+        shown = with_std(1e3 * delay["value"], 1e3 * delay["std"])
+        lines.append(f"beta acts {shown} ms later than it is logged{behind}: the numbers hold that")
     lines += [result[words] for words in ("why", "unchecked", "next") if words in result]
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"

@@ -16,7 +16,20 @@ import numpy as np
 
 from ..sums import combined, square
 from .fit import MIN_COLUMN_LEFT, Fit, Noise, gls_of_all, least, noise_likelihoods, rest, spectrum, whiteness
-from .rows import FAST_THETA, Modes, Rows, ends_of, in_modes, increments, later, term_modes, values_of
+from .rows import (
+    FAST_THETA,
+    LAGS_FORGOTTEN,
+    Modes,
+    Rows,
+    acting_later,
+    ends_of,
+    in_modes,
+    increments,
+    later,
+    term_modes,
+    values_of,
+    without_beginnings,
+)
 
 JUDGE_PIECE = 5.0    # s over which one set of coefficients holds while the log is asked,
 ROWS_A_PIECE = 250   # and rows: of a slow log the vehicle is slower, too
@@ -35,6 +48,7 @@ RUNS = 3.0           # times its fast part, that all of theta is where it runs a
 LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
 MOST_DELAY = 0.3     # s either way
 DELAY_STEP = 0.0125  # s of the first search
+LAGS = (0.0, 0.01, 0.02, 0.035, 0.055, 0.08, 0.12, 0.18, 0.27, 0.4)  # s of a servo or motor, that are tried
 FEWEST_CLOCK = 6     # pieces that say when beta acts, for a clock that runs slow
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
 SAME_INPUT = 0.9     # |correlation| of a shifted beta with itself: an input that repeats is no placebo
@@ -149,6 +163,19 @@ class Lead:
 
 
 @dataclass(frozen=True, eq=False)
+class Late:
+    """How beta acts later than it is logged: a delay, behind a lag of first order [s] if there is one.
+
+    rows     with beta as it acts;  doubts  the same beta (rows,) one standard deviation later, and behind more lag
+    """
+
+    lead: Lead
+    lag: Lead | None
+    rows: Rows
+    doubts: list[np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
 class Question:
     """A log that is asked: its pieces under the answer's terms, the shift of beta, and what is lacking."""
 
@@ -159,6 +186,7 @@ class Question:
     lacks: list[Lack]
     unchecked: str = ""
     known: dict[str, tuple[float, float]] = field(default_factory=dict)   # of optional terms: coefficient, deviation
+    late: "Late | None" = None   # how beta acts later in the rows than it is logged
 
     @property
     def is_placebo(self) -> bool:
@@ -387,6 +415,42 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
         value += step * float(np.clip(0.5 * (low - high) / bend, -1.0, 1.0))
         std = step * math.sqrt(2.0 / bend)
     return None if std is None else clocked(pieces, at, Lead(value, std), rows)
+
+
+def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) -> Late | None:
+    """Return how a beta acts that acts later than it is logged: by a lead alone, or, where that is more likely, behind
+    one of LAGS and by what lead is left.
+
+    None where that is not sure, where the terms of a `rival` make a beta that acts at once as likely, of a lag beyond
+    LAGS, and of stretches too short to tell. The lag and its deviation are those of the parabola through the best of
+    LAGS and its neighbours.
+    """
+    begins, tried = LAGS_FORGOTTEN * LAGS[-1], list[tuple[float, Lead]]()
+    if rows.stretch < begins + STRETCH:
+        return None
+    for each in LAGS:
+        pieces = pieces_of(without_beginnings(acting_later(rows, 0.0, each), begins), terms)
+        left = lead_of(pieces, terms, rows) or Lead(0.0, math.inf)
+        left = left if left.value > 0.0 else Lead(0.0, left.std)
+        tried.append((likelihood([moved(piece.rows, left.value) for piece in pieces], terms), left))
+    gains = 2.0 * (np.array([each for each, _ in tried]) - tried[0][0])
+    best, lag = int(np.argmax(gains)), None
+    if best == len(LAGS) - 1:
+        return None
+    if best and gains[best] > TERM_SIGMAS**2:
+        bend, slope, _ = np.polyfit(LAGS[best - 1:best + 2], -0.5 * gains[best - 1:best + 2], 2).tolist()
+        lag = Lead(-0.5 * slope / bend, 1.0 / math.sqrt(2.0 * bend))
+    most, lead = tried[best if lag else 0]
+    if not (lag or lead.is_sure) or (rival and most < likelihood(
+            [piece.rows for piece in pieces_of(without_beginnings(rows, begins), rival)], rival)):
+        return None
+
+    def acting(lead_by: float, lag_by: float) -> Rows:
+        skip = lead.value + (LAGS_FORGOTTEN * lag.value if lag else 0.0)
+        return without_beginnings(acting_later(rows, lead.value + lead_by, (lag.value if lag else 0.0) + lag_by), skip)
+
+    doubts = [acting(lead.std if math.isfinite(lead.std) else 0.0, 0.0).beta]
+    return Late(lead, lag, acting(0.0, 0.0), doubts if lag is None else [*doubts, acting(0.0, lag.std).beta])
 
 
 def clocked(pieces: list[Piece], at: np.ndarray, lead: Lead, rows: Rows) -> Lead:

@@ -1,8 +1,7 @@
 """The windows of a log that no nominal judges: their numbers by the weak form, and the judge's answer to each."""
 
-import dataclasses
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,15 +14,19 @@ from ..sums import combined, square
 from .fit import SPAN, Fit, Prior, gls_of_all, least, noise_likelihoods
 from .judge import (
     INCREMENT,
+    LACKING,
     PER_COEFFICIENT,
     RELATIVE_TOLERANCE,
     Lack,
+    Late,
     Lead,
     Question,
     against,
     is_driving,
+    late_input,
     left_over,
     question,
+    with_betas,
 )
 from .rows import Modes, Rows, increments, term_modes, usable
 
@@ -31,11 +34,15 @@ POOLED = 0.2         # of the likelihood of the noise's ratios in the whole log,
 ALIKE, VAGUE = 0.99, 0.3   # |correlation| of a6 and k1, relative deviations, beyond which they are not told apart
 WORTH = 0.5          # of the largest term, that one standard deviation of the term of a6 or k1 may be
 UNTRUE = 1.5         # times what its deviations say, that the spread of coefficients that stand still may be
+UNLIKE = 1.0         # mean square of neighbours' differences over the variance, 2 of what is white, beyond which
+#                      coefficients do not change but scatter
 CHANCE_DRIFT = 6.0   # chi square of two, 95 %: what a drift of a6 and k1 moves them by beyond is in the deviations
 HELD_OUT_PARTS = 3   # the last of so many parts of a window is held out for its `fit`
 LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
 AGREEMENT_SIGMAS = 2.0  # standard deviations of the weak form, within which another formulation agrees with it
 CONTRADICTING_RATIO = 3.0  # times as large a deviation of the weak form contradicts that of another formulation
+MOST_NUISANCES = 3   # that are fitted one after the other: a friction, a delay of beta, what is left of it
+FRICTION = "sign(theta_dot)"
 WITHDRAWN_NATS = 20.0  # s before a contradiction: as long as the estimator takes to forget one
 WEAK_STATUSES = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # what something missing may look like
 
@@ -50,13 +57,14 @@ class WindowFit:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """The estimates with those refused that the log contradicts, the fit of each, what they were refused for, what
-    could not be asked, and the weak form's estimates before any was refused."""
+    """The estimates with those refused that the log contradicts, the fit of each, what they were refused for, when beta
+    acts, what could not be asked, and the weak form's estimates before any was refused."""
 
     estimates: list[Estimate]
     fits: list[WindowFit]
     lacks: list[Lack]
     lead: Lead | None = None
+    late: Late | None = None
     unchecked: str = ""
     fitted: list[Estimate] = field(default_factory=list)
 
@@ -71,7 +79,7 @@ def refused(estimate: Estimate, status: EstimateStatus = EstimateStatus.MODEL) -
     nan = math.nan
     xi, support = np.full_like(estimate.xi, nan), np.zeros_like(estimate.support)
     xi.flags.writeable = support.flags.writeable = False
-    return dataclasses.replace(estimate, valid=False, status=status, xi=xi, support=support, absent={}, terms_std={},
+    return replace(estimate, valid=False, status=status, xi=xi, support=support, absent={}, terms_std={},
                                a6=nan, k1=nan, a6_std=nan, k1_std=nan, a6_k1_corr=nan, a6_dot=nan, k1_dot=nan,
                                a6_bound=nan, k1_bound=nan, condition=nan)
 
@@ -92,12 +100,12 @@ def _without_air(estimate: Estimate) -> Estimate:
         tracked = tracked._replace(valid=False, **dict.fromkeys(tracked._fields[1:], nan))
     if servo is not None:
         servo = {name: each._replace(value=nan, std=nan) for name, each in servo.items()}
-    return dataclasses.replace(estimate, wind=nan, wind_std=nan, offsets={}, actuator=servo, tracked=tracked)
+    return replace(estimate, wind=nan, wind_std=nan, offsets={}, actuator=servo, tracked=tracked)
 
 
 def disbelieved(estimate: Estimate) -> Estimate:
     """Return the window without any number: of a log with a column of another quantity than its name says."""
-    return dataclasses.replace(_without_air(refused(estimate)), uncertainty=None)
+    return replace(_without_air(refused(estimate)), uncertainty=None)
 
 
 def held_out(rows: Rows, estimate: Estimate, whiteness: float | None) -> WindowFit:
@@ -134,24 +142,44 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
         return Judged([refused(e) for e in estimates], [WindowFit() for _ in estimates], [Lack(INTERPOLATED)],
                       fitted=estimates)
     rows, asked = question_to(seen, config.terms if is_weak else asked_terms(config, estimates),
-                              optional if is_weak else ())
+                              optional if is_weak else (), is_weak)
     if rows is None:
         return Judged([refused(e, EstimateStatus.SHORT) if e.valid else e for e in estimates],
-                      [WindowFit() for _ in estimates], [], None, asked.unchecked, estimates)
+                      [WindowFit() for _ in estimates], [], unchecked=asked.unchecked, fitted=estimates)
     made = _made(rows, estimates, asked, is_weak)
     lacks = {lack.what: lack for _, _, each, _ in made for lack in each}
     untested = sum(e.status == EstimateStatus.UNCHECKED for e, *_ in made)
     reason = asked.unchecked or (f"{untested} windows have too few rows to test {len(asked.terms)} coefficients: "
                                  "longer windows, or fewer gaps, allow it" if untested else "")
-    return Judged([e for e, *_ in made], [fit for _, fit, *_ in made], list(lacks.values()), asked.lead, reason,
-                  [fitted for *_, fitted in made])
+    return Judged([e for e, *_ in made], [fit for _, fit, *_ in made], list(lacks.values()), asked.lead, asked.late,
+                  reason, [fitted for *_, fitted in made])
 
 
 @lru_cache(maxsize=1)
-def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, ...]) -> tuple[Rows | None, Question]:
-    """Return the usable rows of a log, and what it answers: once, whatever windows are asked for."""
-    rows = usable(seen)
-    return rows, question(rows, terms, optional)
+def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, ...],
+                is_weak: bool) -> tuple[Rows | None, Question]:
+    """Return the usable rows of a log, and what it answers: once, whatever windows are asked for.
+
+    is_weak   the numbers are fitted to these rows: a beta that acts later than it is logged does so in them, a friction
+              joins terms that nobody chose (`optional`), and the question is put again
+    """
+    rows, late = usable(seen), None
+    asked = question(rows, terms, optional)
+    for _ in range(MOST_NUISANCES if is_weak else 0):
+        found = {lack.what: lack for lack in asked.lacks}
+        if optional and FRICTION in found and (found[FRICTION].size or 0.0) < 0.0 and not asked.is_placebo:
+            terms = (*terms, FRICTION)
+        elif rows and late is None and found and not asked.is_placebo:
+            wider = (*asked.terms, *(what for what in found if what in LACKING))
+            is_shifted = "delay" in found and asked.lead is not None and asked.lead.value > 0.0
+            late = late_input(rows, wider) if is_shifted else late_input(rows, asked.terms, wider)
+            if late is None:
+                break
+            rows = late.rows
+        else:
+            break
+        asked = question(rows, terms, optional)
+    return rows, asked if late is None else replace(asked, lead=late.lead, late=late)
 
 
 def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:
@@ -226,23 +254,34 @@ def window_fits(rows: Rows, windows: list[tuple[Rows, tuple[str, ...], Modes | N
         made = gls_of_all(regressions, [noise.restricted + pooled for noise in noises], noises, prior)
         for k, each in zip(at, made, strict=True):
             fits[k] = each
-    rate, drifting = rates(asked), list[tuple[int, Fit, Modes]]()
+    for k, ((part, terms, m), fit) in enumerate(zip(windows, fits, strict=True)):
+        if asked.late is not None and m and fit and not fit.is_singular:
+            inside = rows.cut(part.t[0], part.t[-1] + 0.5 * rows.period)
+            others = with_betas(part, m, terms, [beta[inside] for beta in asked.late.doubts])
+            w = 1.0 / np.sqrt(fit.variance)[:, None]
+            by = [least(others[:, j] * w, m.y * w[:, 0]) - least(m.phi * w, m.y * w[:, 0])
+                  for j in range(others.shape[1])]
+            fits[k] = replace(fit, covariance=fit.covariance + sum(np.outer(each, each) for each in by))
+    (rate, scatter), drifting = changes_of(asked), list[tuple[int, Fit, Modes]]()
+    for k, ((_, terms, _), fit) in enumerate(zip(windows, fits, strict=True)):
+        if fit and scatter:
+            fits[k] = replace(fit, covariance=fit.covariance + np.diag([scatter.get(term, 0.0) for term in terms]))
     for k, ((part, terms, _), fit) in enumerate(zip(windows, fits, strict=True)):
         if fit and not fit.is_singular and len(slopes := slopes_of(terms)) == 2:
             drifting.append((k, fit, term_modes(part, (*terms, *slopes))))
     bent = gls_of_all([m for *_, m in drifting])
     for (k, fit, _), each in zip(drifting, bent, strict=True):
-        fits[k] = dataclasses.replace(fit, covariance=fit.covariance + drift(each, fit, windows[k][1], rate))
+        fits[k] = replace(fit, covariance=fit.covariance + drift(each, fit, windows[k][1], rate))
     return fits
 
 
 def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) -> Estimate:
     """Return a window's estimate of the weak form."""
-    blank = dataclasses.replace(refused(e), terms=terms, xi=np.full((len(terms), 3), math.nan),
+    blank = replace(refused(e), terms=terms, xi=np.full((len(terms), 3), math.nan),
                                 support=np.zeros((len(terms), 3), bool))
     if fit.is_singular:
         moves = all(np.ptp(x) > 0.0 for x in (rows.theta, rows.beta))
-        return dataclasses.replace(blank, status=EstimateStatus.LOW_INFORMATION if moves else EstimateStatus.RANK)
+        return replace(blank, status=EstimateStatus.LOW_INFORMATION if moves else EstimateStatus.RANK)
     covariance = fit.covariance
     std = np.sqrt(np.diag(covariance))
     place = {term: k for k, term in enumerate(terms)}
@@ -253,9 +292,9 @@ def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) 
         sizes = np.sqrt(np.sum(m.phi**2, axis=0))
         worth = std[pair] * sizes[pair] / np.max(np.abs(fit.xi) * sizes)
         if relative[1] > 1.0 or np.max(worth) > WORTH:   # a beta that may do nothing may be any column
-            return dataclasses.replace(blank, status=EstimateStatus.LOW_INFORMATION)
+            return replace(blank, status=EstimateStatus.LOW_INFORMATION)
         if abs(correlation) > ALIKE and np.all(relative > VAGUE):
-            return dataclasses.replace(blank, status=EstimateStatus.SEPARATION)
+            return replace(blank, status=EstimateStatus.SEPARATION)
     xi, support = np.zeros((len(terms), 3)), np.zeros((len(terms), 3), bool)
     xi[:, 1], support[:, 1] = fit.xi, True
     xi.flags.writeable = support.flags.writeable = False
@@ -266,28 +305,37 @@ def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) 
     (a6, a6_std), (k1, k1_std) = of("theta"), of("beta")
     both = "theta" in place and "beta" in place
     corr = float(covariance[place["theta"], place["beta"]] / a6_std / k1_std) if both else math.nan
-    return dataclasses.replace(
+    return replace(
         e, valid=True, status=EstimateStatus.OK, terms=terms, xi=xi, support=support, a6=a6, k1=k1, a6_std=a6_std,
         k1_std=k1_std, a6_k1_corr=corr, a6_dot=of("tau*theta")[0], k1_dot=of("tau*beta")[0], a6_bound=math.nan,
         k1_bound=math.nan, absent={}, terms_std=dict(zip(terms, std.tolist(), strict=True)), rows=len(rows.t))
 
 
-def rates(asked: Question) -> dict[str, float]:
-    """Return how fast [1/s] the coefficients of a6 and k1 change in the log: the spread of its pieces' own beyond their
-    deviations (DerSimonian and Laird 1986), as of one that goes up and down once; 0 where it may be chance."""
-    pieces, found = asked.pieces, dict[str, float]()
+def changes_of(asked: Question) -> tuple[dict[str, float], dict[str, float]]:
+    """Return how fast [1/s] the coefficients of a6 and k1 change in the log, and the variances by which they scatter.
+
+    The spread of the pieces' own beyond their deviations (DerSimonian and Laird 1986) is a change, as of one that goes
+    up and down once. Where neighbours are as unlike as others (von Neumann 1941) it is scatter too, which no vehicle
+    does and the deviations of windows do not know. Nothing is found where it may be chance.
+    """
+    pieces, change, scatter = asked.pieces, dict[str, float](), dict[str, float]()
     span = pieces[-1].rows.t[0] - pieces[0].rows.t[0] if pieces else 0.0
     for k, term in enumerate(asked.terms):
         told = [(p.fit.xi[k], p.fit.covariance[k, k]) for p in pieces if not p.fit.is_singular]
         if term not in ("theta", "sin(theta)", "beta") or len(told) < 2 or not span > 0.0:
             continue
-        x, w = np.array([each for each, _ in told]), np.array([1.0 / variance for _, variance in told])
+        x, v = np.array(told).T
+        w = 1.0 / v
         free, spread = len(x) - 1, float(np.sum(w * (x - np.sum(w * x) / np.sum(w)) ** 2))
         chance = UNTRUE * free * (1.0 - 2.0 / (9.0 * free) + 3.09 * math.sqrt(2.0 / (9.0 * free))) ** 3
         if spread > chance:   # chi square, 99.9 % (Wilson and Hilferty 1931)
-            beyond = (spread - free) / (np.sum(w) - np.sum(w**2) / np.sum(w))
-            found[term] = 2.0 * math.pi / span * math.sqrt(beyond)
-    return found
+            beyond = float((spread - free) / (np.sum(w) - np.sum(w**2) / np.sum(w)))
+            w = 1.0 / (v + beyond)
+            variance = np.average((x - np.average(x, weights=w)) ** 2, weights=w)
+            if np.average(np.diff(x) ** 2, weights=1.0 / (v[1:] + v[:-1] + 2.0 * beyond)) > UNLIKE * variance:
+                scatter[term] = beyond
+            change[term] = 2.0 * math.pi / span * math.sqrt(beyond)
+    return change, scatter
 
 
 def slopes_of(terms: tuple[str, ...]) -> tuple[str, ...]:
