@@ -301,7 +301,8 @@ def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
         said["next"] = result.log.doubtful
     lead, late = result.judged.lead, result.judged.late
     if late is not None:
-        said["late"] = {"delay": late.lead.json, "lag": None if late.lag is None else late.lag.json}
+        said["late"] = {"delay": late.lead.json, "lag": None if late.lag is None else late.lag.json,
+                        "order": late.order}
     return said | {"delay": None if lead is None else lead.json}
 
 

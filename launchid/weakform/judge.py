@@ -164,13 +164,14 @@ class Lead:
 
 @dataclass(frozen=True, eq=False)
 class Late:
-    """How beta acts later than it is logged: a delay, behind a lag of first order [s] if there is one.
+    """How beta acts later than it is logged: a delay, behind a lag [s] if there is one, in one or in two equal parts.
 
     rows     with beta as it acts;  doubts  the same beta (rows,) one standard deviation later, and behind more lag
     """
 
     lead: Lead
     lag: Lead | None
+    order: int
     rows: Rows
     doubts: list[np.ndarray]
 
@@ -419,7 +420,7 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
 
 def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) -> Late | None:
     """Return how a beta acts that acts later than it is logged: by a lead alone, or, where that is more likely, behind
-    one of LAGS and by what lead is left.
+    one of LAGS, of first order or two of half of it, and by what lead is left.
 
     None where that is not sure, where the terms of a `rival` make a beta that acts at once as likely, of a lag beyond
     LAGS, and of stretches too short to tell. The lag and its deviation are those of the parabola through the best of
@@ -428,17 +429,20 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
     begins, tried = LAGS_FORGOTTEN * LAGS[-1], list[tuple[float, Lead]]()
     if rows.stretch < begins + STRETCH:
         return None
-    for each in LAGS:
-        pieces = pieces_of(without_beginnings(acting_later(rows, 0.0, each), begins), terms)
+    shapes = [(order, lag) for order in (1, 2) for lag in LAGS[order - 1:]]
+    for order, each in shapes:
+        pieces = pieces_of(without_beginnings(acting_later(rows, 0.0, each, order), begins), terms)
         left = lead_of(pieces, terms, rows) or Lead(0.0, math.inf)
         left = left if left.value > 0.0 else Lead(0.0, left.std)
         tried.append((likelihood([moved(piece.rows, left.value) for piece in pieces], terms), left))
     gains = 2.0 * (np.array([each for each, _ in tried]) - tried[0][0])
     best, lag = int(np.argmax(gains)), None
-    if best == len(LAGS) - 1:
+    order, most_lag = shapes[best]
+    if most_lag == LAGS[-1]:
         return None
     if best and gains[best] > TERM_SIGMAS**2:
-        bend, slope, _ = np.polyfit(LAGS[best - 1:best + 2], -0.5 * gains[best - 1:best + 2], 2).tolist()
+        near = [best - 1 if shapes[best - 1][0] == order else 0, best, best + 1]
+        bend, slope, _ = np.polyfit([shapes[k][1] for k in near], -0.5 * gains[near], 2).tolist()
         lag = Lead(-0.5 * slope / bend, 1.0 / math.sqrt(2.0 * bend))
     most, lead = tried[best if lag else 0]
     if not (lag or lead.is_sure) or (rival and most < likelihood(
@@ -447,10 +451,11 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
 
     def acting(lead_by: float, lag_by: float) -> Rows:
         skip = lead.value + (LAGS_FORGOTTEN * lag.value if lag else 0.0)
-        return without_beginnings(acting_later(rows, lead.value + lead_by, (lag.value if lag else 0.0) + lag_by), skip)
+        by = (lag.value if lag else 0.0) + lag_by
+        return without_beginnings(acting_later(rows, lead.value + lead_by, by, order), skip)
 
     doubts = [acting(lead.std if math.isfinite(lead.std) else 0.0, 0.0).beta]
-    return Late(lead, lag, acting(0.0, 0.0), doubts if lag is None else [*doubts, acting(0.0, lag.std).beta])
+    return Late(lead, lag, order, acting(0.0, 0.0), doubts if lag is None else [*doubts, acting(0.0, lag.std).beta])
 
 
 def clocked(pieces: list[Piece], at: np.ndarray, lead: Lead, rows: Rows) -> Lead:

@@ -529,9 +529,11 @@ def without_beginnings(rows: Rows, length: float) -> Rows:
     return replace(rows, **arrays, bounds=np.concatenate([[0], np.cumsum(kept[kept > 0])]))
 
 
-def acting_later(rows: Rows, lead: float, lag: float) -> Rows:
-    """Return rows with a beta that acts later by a lead [s] and behind a lag [s]."""
-    acting = replace(rows, beta=lagging(rows, lag), is_held=False) if lag > 0.0 else rows
+def acting_later(rows: Rows, lead: float, lag: float, order: int = 1) -> Rows:
+    """Return rows with a beta that acts later by a lead [s] and behind a lag [s], in `order` equal parts."""
+    acting = rows
+    for _ in range(order if lag > 0.0 else 0):
+        acting = replace(acting, beta=lagging(acting, lag / order), is_held=False)
     return replace(acting, beta=later(acting, lead)) if lead else acting
 
 
