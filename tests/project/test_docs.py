@@ -88,11 +88,6 @@ def functions_of(path: Path) -> frozenset[str]:
 # ---- pages
 
 
-def test_the_pages_are_there():
-    wanted = {"results", "method", "guarantees", "limits", "formats", "notation", "developing"}
-    assert wanted <= {path.stem for path in DOCS}
-
-
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_links_and_pictures_exist(page):
     missing = []
@@ -131,37 +126,6 @@ def test_files_of_code_exist_by_their_names(page):
     known = {path.name for folder in folders for path in folder.rglob("*.py")}
     named = {name for code in code_of(page) for name in re.findall(r"\b\w+\.py\b", code)}
     assert named <= known
-
-
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_benchmarks_have_the_options_they_are_quoted_with(page):
-    missing = []
-    for code in code_of(page):
-        match = re.match(r"(?:\S+=\S+ )?(?:python )?(?:benchmarks/)?(\w+\.py)( .*)?$", code)
-        if match is None or not (ROOT / "benchmarks" / match[1]).is_file():
-            continue
-        known = options_of(ROOT / "benchmarks" / match[1])
-        missing += [code for option in re.findall(r"--[a-z][\w-]*", match[2] or "") if option not in known]
-    assert missing == []
-
-
-def options_of(path: Path) -> set[str]:
-    """The options of a benchmark: those that it names, and the arguments of `flights.arguments`."""
-    calls = [node for node in ast.walk(ast.parse(text_of(path))) if isinstance(node, ast.Call)]
-    named = {word.value for call in calls for word in call.args
-             if isinstance(word, ast.Constant) and str(word.value).startswith("--")}
-    shared = [call for call in calls if isinstance(call.func, ast.Name | ast.Attribute)
-              and "arguments" in (getattr(call.func, "id", ""), getattr(call.func, "attr", ""))]
-    words = {word.arg for call in shared for word in call.keywords} | ({"nominal"} if shared else set())
-    return named | {f"--{word.replace('_', '-')}" for word in words}
-
-
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_selections_of_tests_select_something(page):
-    for code in code_of(page):
-        match = re.search(r"(tests/[\w/]+\.py) -k (\w+)", code)
-        if match:
-            assert any(match[2] in function for function in functions_of(ROOT / match[1])), code
 
 
 # ---- the command

@@ -5,11 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as hs
 
-from launchid.bound.flights import flight_bound, noise_variances
-from launchid.bound.information import bounds_of, window_information, without_offset
+from launchid.bound.flights import flight_bound
+from launchid.bound.information import bounds_of, without_offset
 from launchid.bound.step import transition
 from sim.errors import InputError
-from sim.flight import fly_whole
 from sim.nominal import load_nominal
 
 linalg = pytest.importorskip("scipy.linalg")
@@ -54,12 +53,6 @@ def test_its_derivatives_are_the_central_differences(a6, k1, frequency, damping,
     assert np.allclose(fk, difference(0.0, step), rtol=1e-6, atol=1e-12)
 
 
-def test_no_time_is_no_transition():
-    f, fa, fk = computed(2.0, -7.0, 50.0, 0.7, 0.0)
-    assert np.array_equal(f, np.eye(6))
-    assert not fa.any() and not fk.any()
-
-
 @given(seed=hs.integers(0, 10_000))
 def test_bounds_are_the_corner_of_the_inverse_information(seed):
     random = np.random.default_rng(seed)
@@ -70,13 +63,6 @@ def test_bounds_are_the_corner_of_the_inverse_information(seed):
     assert np.allclose(bound.a6, np.sqrt(covariance[:, 0, 0]), rtol=1e-6)
     assert np.allclose(bound.k1, np.sqrt(covariance[:, 1, 1]), rtol=1e-6)
     assert np.allclose(bound.correlation, covariance[:, 0, 1] / (bound.a6 * bound.k1), atol=1e-6)
-
-
-def test_held_noise_keeps_its_density_at_any_period():
-    nominal = load_nominal("constant")
-    at_10, at_20 = noise_variances(nominal, 0.01), noise_variances(nominal, 0.02)
-    assert np.allclose(at_10, [3.5e-4**2, 5.2e-4**2, 3.5e-4**2, 7e-4**2, 8.7e-4**2], rtol=1e-12)
-    assert np.allclose(at_20, at_10 * [1, 1, 1, 0.5, 0.5], rtol=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -98,35 +84,6 @@ def test_longer_window_is_never_worse_than_its_best_part(bounds, long, part):
         for name in ("a6", "k1"):
             best = getattr(pieces, name)[:n * len(whole.a6)].reshape(-1, n).min(axis=1)
             assert (getattr(whole, name) <= best * 1.001).all()
-
-
-def test_windows_follow_each_other_and_a_last_partial_one_gives_none(bounds):
-    nominal = load_nominal("constant")
-    assert bounds[10.0][0].t_start.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0]
-    assert len(flight_bound(nominal, 8.0).a6) == 8
-    for bound in bounds[5.0]:
-        assert (np.abs(bound.correlation) <= 1).all() and (bound.a6 > 0).all() and (bound.k1 > 0).all()
-
-
-def test_worse_sensors_never_lower_the_bound():
-    """The flight is the same: only what the filter believes of its sensors changes."""
-    nominal = load_nominal("constant")
-    variances = noise_variances(nominal, 0.01)
-    good, bad = (bound_with(nominal, variances * [factor, factor, factor, 1, 1]) for factor in (1.0, 4.0))
-    assert (bad > good).all()
-
-
-def bound_with(nominal, variances: np.ndarray) -> np.ndarray:
-    """Bounds of a6 and k1 over 5 s windows of one flight under these noise variances."""
-    flight = fly_whole(nominal, 0)
-    index = np.floor(flight.t / 5.0 + 1e-9).astype(np.int64)
-    table = np.zeros((14, 6, 6))
-    n = len(flight.t)
-    window_information(flight.t, np.column_stack([flight.theta, flight.theta_dot, flight.beta]), flight.beta_cmd,
-                       np.full(n, 2.0), np.full(n, -7.0), np.array([50.0, 0.7]), variances, index, table,
-                       np.zeros(n))
-    bound = bounds_of(without_offset(table), 1.0)
-    return np.stack([bound.a6, bound.k1])
 
 
 def test_bound_needs_the_loop(tmp_path):

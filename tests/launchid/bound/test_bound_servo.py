@@ -6,8 +6,8 @@ import numpy as np
 import plain_servo
 import pytest
 
-from launchid.bound.flights import flight_bound, flight_information, noise_variances, switched
-from launchid.bound.information import DIFFUSE, WITH_SERVO, window_information, with_prior, without_offset
+from launchid.bound.flights import flight_bound, noise_variances, switched
+from launchid.bound.information import DIFFUSE, WITH_SERVO, window_information, without_offset
 from launchid.bound.step import FIRST_ORDER, transition
 from sim.errors import InputError
 from sim.flight import fly_whole
@@ -47,14 +47,6 @@ def test_the_servos_derivatives_are_the_central_differences(damping, h):
             transition(*moved, h, f, np.zeros((2, 6, 6)))
             ends.append(f)
         assert np.allclose(slopes[m], (ends[0] - ends[1]) / (2 * step), rtol=1e-5, atol=1e-8)
-
-
-def test_a_later_command_switches_inside_a_step():
-    command = np.array([4.0, 1.0, 3.0, 2.0, 2.0])
-    older, newer, switch = switched(command, 0.013, 0.01)
-    assert older.tolist() == [0.0, 0.0, 4.0, 1.0, 3.0] and newer.tolist() == [0.0, 4.0, 1.0, 3.0, 2.0]
-    assert switch == pytest.approx(0.003)
-    assert switched(command, 0.0, 0.01)[1].tolist() == command.tolist() and switched(command, 0.0, 0.01)[2] == 0.0
 
 
 # ---- a plain filter of the same vehicle, by matrix exponentials alone
@@ -184,13 +176,6 @@ def test_a_servo_that_is_all_but_known_leaves_the_bound():
     assert np.allclose(flight_bound(tiny, 5.0).k1, flight_bound(sure, 5.0).k1, rtol=1e-6)
 
 
-def test_what_is_known_of_the_servo_is_left_out():
-    only = flight_information(unsure(delay_sigma=0.01), 5.0)
-    assert only.shape == (6, 3, 3)
-    whole = np.tile(np.eye(5), (1, 1, 1)) * np.arange(1.0, 6.0)
-    assert np.array_equal(np.diag(with_prior(whole, np.array([0.0, 0.5, 0.0]))[0]), [1.0, 2.0, 4.0 + 4.0])
-
-
 def test_the_keys_are_read_checked_and_written(tmp_path):
     nominal = unsure()
     path = tmp_path / "a.toml"
@@ -207,14 +192,6 @@ def test_the_keys_are_read_checked_and_written(tmp_path):
 
 
 # ---- the on-board filter's regression, in plain numpy
-
-
-def test_the_on_board_steps_servo_slopes_are_the_central_differences():
-    now, slopes = plain_servo.constants(36.0, 0.6, 0.01)
-    for k, step in enumerate((np.array([1e-4, 0.0]), np.array([0.0, 1e-5]))):
-        up, down = (plain_servo.constants(36.0 + side * step[0], 0.6 + side * step[1], 0.01)[0] for side in (1, -1))
-        assert np.allclose(slopes[k], (up - down) / (2 * step.sum()), rtol=1e-5, atol=1e-10)
-    assert now.shape == (4, 3)
 
 
 def test_its_information_is_the_bounds_and_its_fits_spread_as_that_says():

@@ -8,7 +8,7 @@ import shortened
 
 from launchid.bound.flights import flight_bound, flight_information, known_state_information
 from launchid.bound.information import DIFFUSE, bounds_of, window_information, without_offset
-from launchid.bound.step import FIRST_ORDER, fill, transition
+from launchid.bound.step import fill, transition
 from launchid.bound.world import (
     ATTITUDE_BIAS_STATE,
     GYRO_BIAS_STATE,
@@ -192,25 +192,6 @@ def test_levels_of_zero_and_known_air_at_rest_change_no_bit():
     assert np.array_equal(flight_information(still, 5.0), flight_information(short(), 5.0))
 
 
-def test_larger_nuisances_never_lower_the_bound():
-    """The flight is the same: only what the filter believes of the air changes."""
-    flight = fly_whole(short(wind=WINDY, offsets=UNSURE), 0)
-    n = len(flight.t)
-    z = np.column_stack([flight.theta, flight.theta_dot, flight.beta])
-    found = []
-    for factor in (0.3, 1.0, 3.0):
-        start = factor**2 * np.tile([[0.05**2], [0.005**2], [0.004**2]], n)
-        world = World(np.array([WALK_STATE, TURBULENCE_STATE, MISALIGNMENT_STATE]), start,
-                      np.array([factor * 0.005, 0.0, 0.0])**2, np.array([np.inf, 1.0, np.inf]), *calm(n)[4:8],
-                      restarts=True, levels_known=False)
-        table = np.zeros((2, 6, 6))
-        window_information(flight.t, z, flight.beta_cmd, flight.a6, flight.k1, np.array([50.0, 0.7]), NOISES,
-                           np.floor(flight.t / 10.0 + 1e-9).astype(np.int64), table, np.zeros(n), world)
-        bound = bounds_of(without_offset(table), 10.0)
-        found.append([bound.a6, bound.k1])
-    assert (np.diff(np.array(found), axis=0) > 0.0).all()
-
-
 # ---- numbers
 
 
@@ -248,15 +229,6 @@ def test_median_bounds_of_the_built_in_vehicles_in_per_cent(name, window, air, a
 
 
 # ---- servo, flight path
-
-
-def test_a_first_order_servo_s_transition_is_the_matrix_exponential():
-    f = np.full((6, 6), np.nan)
-    transition(2.0, -7.0, 25.0, FIRST_ORDER, 0.01, f, np.zeros((2, 6, 6)))
-    a = np.zeros((6, 6))
-    a[0, 1] = a[1, 5] = 1.0
-    a[1, 0], a[1, 2], a[2, 2], a[2, 4] = 2.0, -7.0, -25.0, 25.0
-    assert np.allclose(f, linalg.expm(a * 0.01), rtol=1e-12, atol=1e-15)
 
 
 def test_a_step_of_vehicle_air_and_flight_path_is_the_matrix_exponential():

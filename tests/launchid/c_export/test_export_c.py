@@ -31,8 +31,6 @@ from ported import (
     written,
 )
 
-from launchid.c_export.kinds import FLOAT, INTEGER, TRUTH, Array, Untranslatable, join, literal
-from launchid.c_export.program import Unit
 from launchid.cli.main import main
 from launchid.identification.windows import onboard_model
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
@@ -194,80 +192,6 @@ def test_the_header_says_how_large_an_estimator_is(name, tmp_path):
     subprocess.run([str(CC), *STRICT, "size.c", "-o", "size"], cwd=tmp_path, check=True)
     sizes = subprocess.run(["./size"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     assert said is not None and list(said.groups()) == sizes.split()
-
-
-# ---- the translation
-
-
-@pytest.mark.parametrize(("a", "b", "both"), [(INTEGER, FLOAT, FLOAT), (TRUTH, INTEGER, INTEGER), (None, TRUTH, TRUTH),
-                                              (Array(FLOAT, 2), Array(FLOAT, 2), Array(FLOAT, 2))])
-def test_two_kinds_join_as_numba_unifies_them(a, b, both):
-    assert join(a, b) == join(b, a) == both
-
-
-def test_a_variable_that_is_a_number_here_and_an_array_there_is_refused():
-    with pytest.raises(Untranslatable, match="here and"):
-        join(FLOAT, Array(FLOAT, 1))
-
-
-@pytest.mark.parametrize("x", [0.1, -0.0, 5e-324, 1.7976931348623157e308, 1 / 3, 1e22])
-def test_a_literal_keeps_its_bits(x):
-    assert bits(float(literal(x))) == bits(x)
-
-
-def _while_loop(x):
-    while x > 0.0:
-        x -= 1.0
-    return x
-
-
-def _power(x):
-    return x**2
-
-
-def _two_kinds(x):
-    y = 1.0
-    if x[0] > 0.0:
-        y = x
-    return y
-
-
-def _read_after(n):
-    for i in range(n):  # noqa: B007
-        pass
-    return i
-
-
-def _column(x):
-    x[:, 0] = 0.0
-
-
-def _twice(x):
-    a = b = abs(x)
-    return a + b
-
-
-def _last(x):
-    return x[0:-1]
-
-
-def _not_in(x):
-    return x not in (1, 2)
-
-
-def _list_loop(x):
-    for value in (1.0, 2.0):
-        x[0] = value
-
-
-@pytest.mark.parametrize(("function", "kind", "said"), [
-    (_while_loop, FLOAT, "While"), (_power, FLOAT, "Pow|x \\*\\* 2"), (_two_kinds, Array(FLOAT, 1), "here and"),
-    (_list_loop, Array(FLOAT, 1), "range"), (_read_after, INTEGER, "after its loop"),
-    (_column, Array(FLOAT, 2), "last extents"), (_twice, FLOAT, "one target"), (_last, Array(FLOAT, 1), "from the end"),
-    (_not_in, INTEGER, "comparison")])
-def test_what_has_no_c_is_refused_by_name(function, kind, said):
-    with pytest.raises(Untranslatable, match=f"{function.__name__}.*({said})"):
-        Unit().kernel(function, [kind])
 
 
 # ---- the command

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numba
 import pytest
-from every import every
 
-from launchid.cli.compilation import HELPER, Compilation
+from launchid.cli.compilation import HELPER
 from sim.errors import INTERRUPTED, INTERRUPTED_STATUS
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -62,29 +61,6 @@ def test_the_command_says_once_that_it_compiles_and_the_core_nothing(tmp_path):
 
 
 # ---- the second process
-
-
-@every(("cores", "load", "module", "helped"), [
-    (2, 0.9, "launchid_core.order.onboard", ["filtered"]), (2, 1.1, "launchid_core.order.onboard", []),
-    (1, 0.0, "launchid_core.order.onboard", []), (4, 2.5, "launchid_core.regression.regression", ["integral"]),
-    (2, 0.0, "sim.vehicle.step", [])])
-def test_a_second_process_helps_with_much_work_where_a_core_is_idle(cores, load, module, helped, monkeypatch):
-    started: list[str] = []
-
-    class Process:
-        def __init__(self, words: list[str], **streams: int) -> None:
-            started.append(words[-1])
-
-        def kill(self) -> None:
-            """Nothing runs."""
-
-    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(cores)), raising=False)
-    monkeypatch.setattr(os, "getloadavg", lambda: (load, 0.0, 0.0), raising=False)
-    monkeypatch.setattr(subprocess, "Popen", Process)
-    compilation = Compilation()
-    for _ in range(3):
-        compilation(module, "a_kernel")
-    assert started == helped
 
 
 @COMPILED

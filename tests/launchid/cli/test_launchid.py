@@ -5,7 +5,6 @@ import math
 import os
 import subprocess
 import sys
-import types
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 from shortened import short
 
 import launchid
-import launchid_core
 from launchid.cli.main import main
 from launchid.log.log import read_log, write_columns
 from sim.effects import effect
@@ -151,17 +149,6 @@ def test_importing_costs_no_numba_and_no_optional_package():
     assert done.stdout == "[]\n"
 
 
-@pytest.mark.parametrize(("module", "extra"), [("pandas", "frames"), ("matplotlib", "plots")])
-def test_a_missing_extra_is_named(folder, monkeypatch, module, extra):
-    made = launchid.simulate(folder / "n.toml", period=0.1)
-    for name in [name for name in sys.modules if name.split(".")[0] == module or name in
-                 ("sim.canvas", "launchid.figures.plots", "sim.pictures", "launchid.results.figures")]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(launchid.UsageError, match=rf"launchid\[{extra}\]"):
-        made.to_frame() if module == "pandas" else made.plot()
-
-
 # ---- parameters
 
 
@@ -174,43 +161,7 @@ def test_an_effect_is_a_text_a_dict_or_an_effect(folder, effects):
     assert np.allclose(biased - plain, 0.01, atol=1e-6)
 
 
-@pytest.mark.parametrize(("effects", "words"), [
-    (3, "effects 3"), ([3], "effects 3"), ({"rate": 0.01}, "name = None"), ({"name": "x"}, "x"),
-    ([{"name": "gyro_bias", "size": 1.0}], "unknown parameter 'size'"), ({"name": "gyro_bias"}, "no parameter given")])
-def test_what_is_no_effect_is_said_in_one_line(folder, effects, words):
-    with pytest.raises(launchid.UsageError) as error:
-        launchid.simulate(folder / "n.toml", effects=effects)
-    assert words in str(error.value) and "--" not in str(error.value)
-
-
-@pytest.mark.parametrize(("call", "words"), [
-    (lambda log, n: launchid.identify(log, window=None), "window None: expected seconds or 'all'"),
-    (lambda log, n: launchid.identify(log, window="x"), "window 'x': expected seconds or 'all'"),
-    (lambda log, n: launchid.identify(log, tracked=True), "tracked needs nominal, with which formulation is filtered"),
-    (lambda log, n: launchid.diagnose(log, n, bootstrap=-1), "bootstrap -1: expected an integer"),
-    (lambda log, n: launchid.fit_lft([log], n, share=2.0), "share 2.0: expected a number between"),
-    (lambda log, n: launchid.simulate(n, seed="a"), "seed 'a': expected an integer"),
-    (lambda log, n: launchid.plan(n, accuracy=None, window=1.0), "accuracy None: expected a relative"),
-    (lambda log, n: launchid.campaign(n, out="x", flights=0), "flights 0: expected an integer"),
-    (lambda log, n: launchid.identify(log, solver="omp"), ""), (lambda log, n: launchid.fit_lft([], n), ""),
-    (lambda log, n: launchid.uncertainty(log, n, window=-1), ""), (lambda log, n: launchid.export_c(n, window=0), "")])
-def test_what_is_refused_has_the_parameter_s_name(folder, call, words):
-    with pytest.raises(launchid.UsageError, match=f"^{words}") as error:
-        call(folder / "log.csv", folder / "n.toml")
-    assert "--" not in str(error.value)
-
-
 # ---- the package
-
-
-def test_public_names_and_version():
-    assert launchid.__version__ == launchid_core.__version__
-    wanted = {"identify", "diagnose", "simulate", "plan", "fit_lft", "uncertainty", "export_c", "load_nominal",
-              "read_log"}
-    assert wanted <= set(launchid.__all__)
-    for name in launchid.__all__:
-        if isinstance(getattr(launchid, name), types.FunctionType):
-            assert getattr(launchid, name).__doc__
 
 
 def test_every_public_name_is_on_its_page():

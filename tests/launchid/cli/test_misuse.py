@@ -20,7 +20,6 @@ from launchid.cli.main import main
 from launchid.convert.mapping import load_map
 from launchid.monte_carlo.requirement.grammar import requirement
 from sim.effects.catalogue import from_text
-from sim.errors import did_you_mean
 from sim.nominal import built_in
 
 T = np.arange(300) * 0.01
@@ -195,10 +194,3 @@ def test_percent_and_long_units_are_understood(folder):
         (folder / "map.toml").write_text(text.format(unit))
         maps.append(load_map(folder / "map.toml"))
     assert maps[0] == maps[1] == maps[2]
-
-
-@pytest.mark.parametrize(("word", "words", "hint"), [
-    ("identfy", ["identify", "margins"], "did you mean identify?"), ("vega", ["vega_like"], "did you mean vega_like?"),
-    ("zzz", ["identify"], ""), ("", ["identify"], "")])
-def test_the_nearest_word_is_asked_for_and_a_far_one_is_not(word, words, hint):
-    assert did_you_mean(word, words) == hint

@@ -1,4 +1,4 @@
-"""The pictures: what sets their scale, what is marked at the edge, what stands beside them; the residuals' numbers.
+"""The numbers of the residuals, and their picture.
 
 Curves on a page: what of a figure is drawn again by the browser, and that a page holds all it needs.
 
@@ -17,9 +17,8 @@ import launchid
 from launchid.cli.main import main
 from launchid.commands.identify import Identification
 from launchid.commands.identify import identify as identified
-from launchid.figures.logs import logs_figure, looked_at
 from launchid.log.check import ideal_note
-from launchid.log.log import Log, flown_log, log_of, read_log, write_columns, write_flight
+from launchid.log.log import Log, flown_log, read_log, write_columns, write_flight
 from launchid.results import residuals as rs
 from sim.errors import InputError
 from sim.flight import fly_whole
@@ -30,17 +29,6 @@ from matplotlib.figure import Figure
 
 from launchid.charts import FOLDER, MARKS, inlined
 from launchid.charts.figure import figure_json
-from launchid.results import figures
-
-WINDOWS = 12
-
-
-def window(k: int, a6: float, a6_std: float, **other) -> dict:
-    """A window of the identify JSON."""
-    given = {"t_start": 5.0 * k, "t_end": 5.0 * k + 5.0, "valid": True, "status": "OK", "a6": a6, "a6_std": a6_std,
-             "k1": -7.0, "k1_std": 0.1, "a6_bound": 0.8 * a6_std, "k1_bound": 0.08, "terms": {}, "wind": None,
-             "wind_std": None}
-    return given | other
 
 
 def a_log(seconds: float = 60.0) -> Log:
@@ -49,53 +37,9 @@ def a_log(seconds: float = 60.0) -> Log:
     return Log("log.csv", ("t", "theta", "beta"), (), t, np.sin(t), none, np.cos(t), none, none, none)
 
 
-def drawn(windows: list[dict], nominal=None, **report):
-    figure = figures.identify_figure(a_log(), {"windows": windows, **report}, nominal)
-    figure.canvas.draw()
-    return figure
-
-
 def labels(axis) -> set[str]:
     legend = axis.get_legend()
     return set() if legend is None else {text.get_text() for text in legend.get_texts()}
-
-
-# ---- identify
-
-
-def test_a_change_is_a_line_with_its_numbers_and_breaks_the_tracked_line():
-    tracked = [{"valid": True, "a6": 2.0, "a6_std": 0.01, "k1": k1, "k1_std": 0.01, "wind": None, "wind_std": None}
-               for k1 in [-8.0] * 6 + [-5.7] * 6]
-    change = {"t": 30.0, "t_std": 0.015, "parameter": "k1", "before": -8.0, "after": -5.7, "size": 2.3,
-              "size_std": 0.07}
-    windows = [window(k, 2.0, 0.1, tracked=each) for k, each in enumerate(tracked)]
-    figure = drawn(windows, changes=[change])
-    assert any(text.startswith("sudden change at 30.000 +- 0.015 s, size 2.300 +- 0.070")
-               for text in labels(figure.axes[1]))
-    assert not any("sudden" in text for text in labels(figure.axes[0]))
-    line, = (line for line in figure.axes[1].lines if len(line.get_xdata()) == WINDOWS + 1)
-    assert np.isnan(line.get_ydata()[6]) and np.isfinite(np.delete(line.get_ydata(), 6)).all()
-
-
-def test_refused_windows_say_why_and_a_bound_is_drawn_where_there_is_one():
-    nothing = {"valid": False, "a6": None, "a6_std": None, "k1": None, "k1_std": None, "a6_bound": None,
-               "k1_bound": None}
-    axis = drawn([window(0, 2.0, 0.1), window(1, 0.0, 0.0, status="SEPARATION") | nothing]).axes[0]
-    assert "SEPARATION" in [text.get_text() for text in axis.texts]
-    assert {"refused, with the reason", "Cramer-Rao bound of it, 95 %"} <= labels(axis)
-    figure = drawn([window(0, 0.0, 0.0, status="MODEL") | nothing], why="no window of this log is valid: X")
-    assert "no window of this log is valid: X" in figure.axes[-1].get_xlabel()
-    assert not any("95 %" in text for text in labels(figure.axes[0]))
-
-
-# ---- uncertainty, and the paper's figures
-
-
-@pytest.mark.parametrize(("library", "panels"), [
-    ("beta,theta_dot", ["k1", "theta", "beta"]), ("theta", ["a6", "theta", "beta"]), ("theta_dot", ["theta", "beta"])])
-def test_a_parameter_whose_term_the_library_lacks_has_no_panel(library, panels):
-    made = identified(replace(a_log(), theta_dot=np.cos(a_log().t)), window=5.0, library=library)
-    assert [axis.get_ylabel().split(" ")[0] for axis in made._figure().axes] == panels
 
 
 # ---- residuals
@@ -196,16 +140,6 @@ def test_every_number_of_a_curve_is_there(origin):
     assert {panel["group"] for panel in found["panels"]} == {0}, "one abscissa, one zoom"
 
 
-@pytest.mark.parametrize("draw", [
-    lambda axis: axis.bar([1.0], [2.0]), lambda axis: axis.errorbar([1.0], [2.0], [0.1]),
-    lambda axis: axis.imshow(np.eye(3)), lambda axis: axis.fill_between([0.0, 1.0], 0.0, 1.0)])
-def test_what_is_no_curve_stays_a_picture(draw):
-    figure, ((axis,),) = curves()
-    draw(axis)
-    assert figure_json(figure) is None
-    assert figure_json(Figure()) is None
-
-
 def test_a_page_holds_the_library_its_licence_and_nothing_from_elsewhere():
     page = inlined("<style>/* charts.css */</style><script>/* charts.js */</script><p>/* charts.js */</p>")
     for names in MARKS.values():
@@ -227,28 +161,6 @@ def columns(scale: float = 1.0) -> dict[str, np.ndarray]:
     return {"t": T, "theta": theta + 1e-4 * rng.standard_normal(len(T)),
             "theta_dot": 0.1 * scale * np.cos(T) + 1e-4 * rng.standard_normal(len(T)),
             "beta": 0.02 * scale * np.sin(T + 1.0) + 1e-4 * rng.standard_normal(len(T))}
-
-
-def crosses(axis) -> list[np.ndarray]:
-    return [line.get_xdata() for line in axis.lines if line.get_marker() == "x"]
-
-
-def test_each_log_has_a_line_in_each_panel_and_its_name_once():
-    logs = [log_of(columns(k), f"{name}.csv") for k, name in ((1.0, "one"), (2.0, "two"))]
-    figure = logs_figure([looked_at(log) for log in logs])
-    assert [axis.get_ylabel() for axis in figure.axes] == ["theta [rad]", "beta [rad]", "theta_dot [rad/s]"]
-    for axis in figure.axes:
-        assert [text.get_text() for text in axis.get_legend().get_texts()] == ["one", "two"]
-        assert len({(line.get_color(), line.get_linestyle()) for line in axis.lines}) == 2
-        assert not crosses(axis)
-
-
-def test_a_column_in_another_unit_is_grey_and_named():
-    given = columns()
-    degrees = looked_at(log_of(given | {"theta_dot": np.degrees(given["theta_dot"])}))
-    assert [fault.kind for fault in degrees.faults] == ["unit"]
-    titles = {axis.get_ylabel(): axis.get_title(loc="right") for axis in logs_figure([degrees]).axes}
-    assert titles == {"theta [rad]": "", "beta [rad]": "", "theta_dot [rad/s]": "hatched: unit?"}
 
 
 @pytest.mark.parametrize(("name", "start"), [("look.png", b"\x89PNG"), ("look.svg", b"<?xml"),

@@ -50,10 +50,6 @@ def test_a_file_gets_a_line_every_ten_seconds_with_how_far_it_is(clock, monkeypa
         "launchid: windows: 10 of 35", "launchid: windows: 20 of 35", "launchid: windows: 30 of 35"]
 
 
-def test_a_short_run_writes_nothing_into_a_file(clock, monkeypatch):
-    assert run_of(clock, monkeypatch, False, 9) == ""
-
-
 def test_a_terminal_shows_one_line_that_is_taken_off_at_the_end(clock, monkeypatch):
     shown = run_of(clock, monkeypatch, True, 4)
     assert "\n" not in shown and shown.endswith("\r\x1b[K")
@@ -104,9 +100,3 @@ def test_a_report_of_a_log_without_a_window_says_why(tmp_path):
     launchid.identify(short, "constant", window=5.0).write_report(tmp_path / "report")
     words = words_of(tmp_path / "report" / "report.html")
     assert "0 of 0 windows are valid" in words and "expected a longer log" in words
-
-
-def test_a_report_cannot_be_written_into_a_file(log, tmp_path, capsys):
-    (tmp_path / "file").write_text("")
-    assert main(["identify", str(log), "constant", "--window", "5", "--report", str(tmp_path / "file")]) == 3
-    assert "file" in capsys.readouterr().err

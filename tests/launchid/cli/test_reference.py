@@ -1,5 +1,4 @@
-"""The texts of `--help`: every option with its text, unit and default, an example that parses, and the page made of
-them."""
+"""`--help`: an example that parses, and the page made of the parser; completion; the catalogue of effects as JSON."""
 
 import argparse
 import json
@@ -16,7 +15,6 @@ from every import every
 from launchid.cli.main import main, parser
 from launchid.cli.reference import commands_page, effects_report
 from sim.effects import CATALOGUE
-from sim.effects.words import MEANING
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -24,20 +22,6 @@ ROOT = Path(__file__).resolve().parents[3]
 def commands() -> dict[str, argparse.ArgumentParser]:
     (action,) = [action for action in parser()._actions if isinstance(action, argparse._SubParsersAction)]
     return dict(action.choices)
-
-
-OPTIONS = [(name, action) for name, sub in commands().items() for action in sub._actions
-           if not isinstance(action, argparse._HelpAction)]
-UNITS = {"S": "[s]", "S|all": "[s]"}  # metavar -> what the help must say
-
-
-@every(("name", "action"), OPTIONS, ids=lambda x: x if isinstance(x, str) else x.dest)
-def test_every_option_has_text_unit_and_default(name, action):
-    assert action.help, f"{name} {action.dest}"
-    assert UNITS.get(str(action.metavar), "") in action.help
-    if action.option_strings and action.nargs != 0 and not action.required:
-        assert "default" in action.help
-        assert action.default in (None, []) or "%(default)s" in action.help
 
 
 @every("name", commands())
@@ -70,17 +54,6 @@ def test_the_shell_is_told_what_could_come_next(line, wanted, tmp_path):
 
 
 # ---- effects
-
-
-def test_effects_lists_the_catalogue(capsys):
-    assert main(["effects"]) == 0
-    text = capsys.readouterr().out
-    for name, cause in CATALOGUE.items():
-        block = next(part for part in text.split("\n\n") if part.startswith(f"{name} "))
-        assert f"[{cause.where}]" in block and MEANING[name] in block
-        for parameter in cause.parameters:
-            (line,) = [line for line in block.splitlines() if line.startswith(f"    {parameter.name}: ")]
-            assert parameter.unit in line and ("required" in line) == parameter.is_required
 
 
 def test_effects_as_json(capsys, tmp_path):

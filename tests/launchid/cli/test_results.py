@@ -123,20 +123,6 @@ def test_a_notebook_shows_its_first_line_and_a_short_table(folder, name):
 # ---- a log and a nominal
 
 
-def test_a_log_that_holds_little_is_said_as_it_is():
-    few = launchid.read_log({"t": [1.0], "theta": [0.0], "beta": [0.0], "theta_dot": [None]})
-    assert few.summary() == "log: 1 rows over 0 s; measured: theta 100 %, beta 100 %, theta_dot 0 %"
-
-
-def test_a_nominal_says_its_range_its_terms_and_its_sections():
-    said = launchid.load_nominal("vega_like").summary()
-    assert "over 0 .. 95 s; range sigma 0.25, 0.25" in said and "sections: actuator, controller" in said
-    assert "terms: " not in said
-    assert list(launchid.load_nominal("vega_like").table()) == ["t", "a6", "k1", "sigma_a6", "sigma_k1"]
-    bare = launchid.load_nominal("single_pendulum_linear")
-    assert "range" not in bare.summary() and bare.plot() is not None
-
-
 pytest.importorskip("control")
 
 

@@ -8,7 +8,6 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 from scipy.stats import kstest
 
-import launchid
 from launchid.commands.compare import compare
 from launchid.comparison.flown import FIRST_SEED, Draw, along, dispersed, drawn, flown, fly_drawn, quiet
 from launchid.comparison.prediction import predictions, statistics
@@ -216,18 +215,6 @@ def test_its_json_is_the_contracts(made):
 def test_a_nominal_that_answers_too_early_is_outside_the_measured_region(made):
     lines = [line for line in made.summary().splitlines() if line.startswith("beta_cmd -> beta, of the input itself")]
     assert len(lines) == 1 and "constant at 0 %" in lines[0] and int(lines[0].rsplit("ext at ", 1)[1].split()[0]) > 85
-
-
-def test_nominals_of_one_name_are_told_apart():
-    made = compare(log_of_seed(3, DELAY), CONSTANT, CONSTANT, flights=0)
-    assert len({each.label for each in made.nominals}) == 2
-    for each in made.report["nominals"]:
-        assert all(channel["percentile"] is None for channel in each["channels"].values())
-
-
-def test_without_a_nominal_it_is_refused():
-    with pytest.raises(launchid.UsageError, match="at least one nominal"):
-        launchid.compare(log_of_seed(1))
 
 
 def test_its_report_is_one_page_with_live_charts(made, tmp_path):

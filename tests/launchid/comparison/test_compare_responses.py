@@ -99,13 +99,6 @@ def test_the_servo_is_python_controls(damping, periods):
     assert servo(dataclasses.replace(CONSTANT, actuator=actuator), BODE, 0.01) == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_part_of_a_period_is_a_delay_of_it():
-    """At frequencies far below the rate a part of a hold turns the phase by itself, and no gain."""
-    late = dataclasses.replace(CONSTANT, effects=(effect("actuator_delay", delay=0.004),))
-    ratio = servo(late, BODE[:3], 0.01) / servo(CONSTANT, BODE[:3], 0.01)
-    assert ratio == pytest.approx(np.exp(-2j * math.pi * BODE[:3] * 0.004), abs=2e-4)
-
-
 def inside(flights: int, excited=EXCITED) -> dict[str, tuple[float, float]]:
     """The share of frequencies at which the truth is inside the 95 % intervals of gain and of phase, by input."""
     found: dict[str, list[tuple[float, float]]] = {}
@@ -191,10 +184,6 @@ def test_series_without_relation_are_all_covariance():
     assert (found.bias, found.variance, found.covariance) == pytest.approx((0.0, 0.0, 1.0))
     assert found.tic == pytest.approx(math.sqrt(2.0) / 2.0)
     assert found.fit == pytest.approx(100.0 * (1.0 - math.sqrt(2.0)))
-
-
-def test_the_opposite_is_the_worst():
-    assert statistics(Z - 1.5, 1.5 - Z).tic == pytest.approx(1.0)
 
 
 SERIES = st.lists(st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)), min_size=2, max_size=40)

@@ -2,7 +2,6 @@
 
 import math
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,7 +16,7 @@ import launchid
 from launchid.cli.main import main
 from launchid.convert.columns import mapped, turned
 from launchid.convert.mapping import Map, Source, load_map
-from launchid.convert.readers import foreign_format, read_channels
+from launchid.convert.readers import foreign_format
 from launchid.log.log import read_log, write_columns
 from sim.errors import InputError
 from sim.flight import fly_whole
@@ -233,20 +232,6 @@ def test_without_a_map_the_format_is_named(tmp_path, columns, capsys, of):
     assert len(err.splitlines()) == 1 and of in err and "--map" in err
 
 
-@pytest.mark.parametrize(("of", "module"), [("MAT", "scipy"), ("HDF5", "h5py"), ("Parquet", "pyarrow"),
-                                            ("ULog", "pyulog"), ("MCAP", "mcap")])
-def test_a_missing_library_is_named(tmp_path, columns, capsys, monkeypatch, of, module):
-    flight, map_ = written(tmp_path, of, columns)
-    for name in [name for name in sys.modules if name.split(".")[0] == module]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, module, None)
-    assert main(["convert", str(flight), "--map", str(map_), "--out", str(tmp_path / "out.csv")]) == 2
-    err = capsys.readouterr().err
-    assert len(err.splitlines()) == 1 and module in err and "launchid[logs]" in err
-    with pytest.raises(launchid.UsageError, match=r"launchid\[logs\]"):  # from Python too: it was a ModuleNotFoundError
-        launchid.read_log(flight, map=map_)
-
-
 # ---- attitudes
 
 
@@ -388,12 +373,6 @@ def test_a_channel_that_is_not_there_is_named_with_those_that_are_near(tmp_path,
     assert len(err.splitlines()) == 1 and "'pitsh'" in err and "pitch" in err.split("there is")[1]
 
 
-def test_channels_and_stamps_of_unequal_length_are_refused():
-    of = Map("m", (Source("theta", ("a/x",), (1.0,)),), "t", 1, True, None, {})
-    with pytest.raises(InputError, match="3 rows, its stamps 2"):
-        mapped("f", {"a/x": np.zeros(3), "a/t": np.zeros(2)}, of)
-
-
 def test_convert_needs_map_and_out_or_list(tmp_path, columns, capsys):
     flight, map_ = written(tmp_path, "CSV", columns)
     for words in ([], ["--map", str(map_)], ["--out", str(tmp_path / "x.csv")]):
@@ -402,14 +381,6 @@ def test_convert_needs_map_and_out_or_list(tmp_path, columns, capsys):
     assert main(["convert", str(flight), "--map", str(map_), "--out", str(flight)]) == 3
     assert "input" in capsys.readouterr().err
     assert main(["convert", str(tmp_path / "none"), "--list"]) == 3
-
-
-def test_a_foreign_csv_without_numbers_or_rows_is_one_line(tmp_path):
-    for data, mention in ((b"", "an empty file"), (b"a;b\n1;2;3\n", "3 cells"), (b"\xff\xfe\x00", "UTF-8")):
-        (tmp_path / "x").write_bytes(data)
-        of = Map("m", (Source("theta", ("x",), (1.0,)),), "t", 1, True, None, {"delimiter": ";"})
-        with pytest.raises(InputError, match=mention):
-            mapped("x", read_channels(str(tmp_path / "x"), of.options), of)
 
 
 def test_the_maps_of_the_page_are_maps(tmp_path):

@@ -25,7 +25,6 @@ from launchid.convert.columns import turned
 from launchid.convert.mapping import load_map
 from launchid.convert.readers import foreign_format, read_channels
 from launchid.log.log import read_log, write_columns
-from launchid.watch.lines import Lines
 from sim.errors import InputError
 
 ROWS, PERIOD = 60, 0.008
@@ -137,15 +136,6 @@ def test_a_first_row_of_numbers_is_no_header_and_no_column_vanishes(tmp_path, ca
     assert "the map names none of them" in refusal(tmp_path, capsys, "\n".join(rows))
 
 
-@pytest.mark.parametrize("kind", TABLES)
-def test_every_kind_is_listed(tmp_path, capsys, kind):
-    status, channels, _ = listed(tmp_path, capsys, TABLES[kind][0])
-    assert status == 0 and len(channels) == 3 + ("text" in kind or "note" in kind)
-    rows = [what for what in channels.values() if what.startswith(("60 rows", "120 rows"))]
-    foreign = [what for what in channels.values() if "holds no numbers ('01.05.2024" in what]
-    assert len(rows) == 3 - len(foreign) and len(foreign) == (kind == "dates of another form")
-
-
 @pytest.mark.parametrize(("text", "mention"), [
     ("", "an empty file"), ("\n\n", "no row of numbers"), ("a,b\nc,d\n", "no row of numbers"),
     ("the quick\nbrown fox\n", "no row of numbers"), ("t,theta\n", "no row of numbers")])
@@ -180,15 +170,6 @@ def test_nothing_is_left_out_without_a_word(tmp_path, capsys):
     assert "column t: 1 of 60 cells are no numbers ('late')" in err
     listed_ = listed(tmp_path, capsys, table().replace(",", ",auto,").replace("auto", "mode", 1))[1]
     assert any("holds no numbers ('auto')" in what for what in listed_.values())
-
-
-def test_a_log_that_grows_in_runs_of_blanks_is_read_as_the_whole(tmp_path):
-    text = table(" ", width=15)
-    assert convert(tmp_path, text, MAP + '[file]\ndelimiter = " "\n') == 0
-    lines = Lines("x", True, print, load_map(tmp_path / "map.toml"))
-    grown = [log for k in range(0, len(text), 100) for log in lines.logs(text[k:k + 100].encode())]
-    for name, x in read_log(tmp_path / "o.csv").measured().items():
-        assert np.array_equal(np.concatenate([getattr(log, name) for log in grown]), x)
 
 
 @pytest.mark.parametrize(("of", "mention"), [
@@ -320,21 +301,6 @@ def test_a_mat_file_of_any_header_gives_its_numbers(tmp_path, form):
     assert foreign_format(str(tmp_path / "flight")) == "MAT"
     assert convert(tmp_path, bytes(data), MAP) == 0
     assert np.array_equal(read_log(tmp_path / "o.csv").theta, THETA)
-
-
-def test_a_matlab_object_says_what_to_do_and_what_scipy_warns_of_is_a_line(tmp_path, capsys):
-    io = pytest.importorskip("scipy.io")
-    thing = io.matlab.MatlabObject(np.array([(1.0, 2.0)], dtype=[("a", object), ("b", object)]), "timetable")
-    io.savemat(tmp_path / "f.mat", {**LOG, "beta": thing})
-    data = (tmp_path / "f.mat").read_bytes()
-    assert "is there but is a MATLAB object" in refusal(tmp_path, capsys, data)
-    io.savemat(tmp_path / "f.mat", LOG)
-    data = (tmp_path / "f.mat").read_bytes()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert convert(tmp_path, data + data[128:], MAP) == 0
-    err = capsys.readouterr().err
-    assert f"{tmp_path / 'flight'}: Duplicate variable name" in err and len(err.splitlines()) <= 4
 
 
 # ---- what a file declares

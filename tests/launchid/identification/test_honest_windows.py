@@ -21,7 +21,6 @@ from launchid.commands.identify import identify
 from launchid.identification.windows import onboard_model, run
 from launchid.log.check import checked
 from launchid.log.log import Log, flown_log, log_of, read_log, write_columns, write_flight
-from launchid.robustness.reconfigure import Supervisor
 from launchid.weakform.rows import usable
 from launchid.weakform.windows import disbelieved, judged_windows
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
@@ -98,15 +97,6 @@ def test_long_run_covariance_is_newey_and_west_s_with_andrews_bandwidth(rho):
     assert lags == numpy_lags(scores)
     covariance = [[long_run(v, w, lags, 190, v is w) for w in scores] for v in scores]
     assert np.allclose(covariance, numpy_long_run(scores, lags) * 200 / 190, rtol=1e-12)
-
-
-def test_long_run_of_four_numbers_by_hand():
-    """1, 2, 3, 4: rho = (2 + 6 + 12)/(1 + 4 + 9) > 0.97, so L = n/2 = 2; 30 + 2*(2/3*20 + 1/3*11) = 64."""
-    assert own_variance(np.array([1.0, 2.0, 3.0, 4.0]), 4) == pytest.approx(64.0, rel=1e-14)
-
-
-def test_a_series_of_zeros_has_no_lags_and_no_variance():
-    assert bandwidth(*autoregression(np.zeros(9)), 9) == 0 and own_variance(np.zeros(9), 8) == 0.0
 
 
 def test_standard_deviations_are_those_of_the_solution_with_drifts_and_what_it_moves():
@@ -430,13 +420,6 @@ def test_a_clean_flight_is_not_contradicted_at_any_rate(name, rate):
     assert EstimateStatus.MODEL not in clean_statuses(at_rate(name, rate), 7002)
 
 
-@pytest.mark.parametrize(("name", "rate", "seed"), [
-    ("constant", 25, 7030), ("constant", 25, 7037), ("vega_like", 25, 7030), ("vega_like", 25, 7036),
-    ("greensite_cr826", 25, 7014)])
-def test_what_was_contradicted_while_blocks_were_of_ten_samples(name, rate, seed):
-    assert EstimateStatus.MODEL not in clean_statuses(at_rate(name, rate), seed)
-
-
 @pytest.mark.campaign
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("name", NAMES)
@@ -444,9 +427,3 @@ def test_at_most_one_percent_of_clean_windows_are_contradicted(name, rate):
     nominal = at_rate(name, rate)
     every = [status for seed in range(7000, 7100) for status in clean_statuses(nominal, seed)]
     assert every.count(EstimateStatus.MODEL) <= 0.01 * len(every)
-
-
-@pytest.mark.parametrize(("rate", "window"), [(10, 0.5), (25, 0.2), (50, 0.2), (100, 0.2), (400, 0.2)])
-def test_the_supervisor_reads_the_tracked_estimate_in_seconds(rate, window):
-    """The window is also five samples at least."""
-    assert Supervisor(at_rate("constant", rate), 1.0 / rate).estimator.config.window == pytest.approx(window)

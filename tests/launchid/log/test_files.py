@@ -17,15 +17,11 @@ import pytest
 
 from launchid.cli.main import main
 from sim.errors import InputError
-from sim.files import atomic_path, check_output, write_text
+from sim.files import atomic_path, write_text
 from sim.nominal import built_in, load_nominal, write_nominal
 
 ROOT = Path(__file__).resolve().parents[3]
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="POSIX nodes, links and modes")
-
-
-def mode(path: Path) -> int:
-    return stat.S_IMODE(path.stat().st_mode)
 
 
 @pytest.fixture
@@ -176,13 +172,6 @@ def test_behind_a_link_the_target_is_replaced_and_the_link_stays(tmp_path):
     assert link.is_symlink() and chain.is_symlink()
 
 
-def test_a_link_to_nothing_makes_its_target(tmp_path):
-    link = tmp_path / "link"
-    link.symlink_to(tmp_path / "target")
-    write_text(link, ["new"])
-    assert link.is_symlink() and (tmp_path / "target").read_text() == "new"
-
-
 def test_links_in_a_circle_and_into_nowhere_are_one_line(tmp_path):
     for name, target in (("a", "b"), ("b", "a"), ("c", "none/target")):
         (tmp_path / name).symlink_to(target)
@@ -192,24 +181,6 @@ def test_links_in_a_circle_and_into_nowhere_are_one_line(tmp_path):
 
 
 # ---- modes
-
-
-@pytest.mark.parametrize("bits", [0o600, 0o640, 0o664, 0o755])
-def test_the_mode_of_a_file_stays(tmp_path, bits):
-    path = tmp_path / "x"
-    path.write_text("old")
-    path.chmod(bits)
-    write_text(path, ["new"])
-    assert (path.read_text(), mode(path)) == ("new", bits)
-
-
-def test_a_new_file_has_the_mode_of_the_umask(tmp_path):
-    old = os.umask(0o027)
-    try:
-        write_text(tmp_path / "x", ["new"])
-    finally:
-        os.umask(old)
-    assert mode(tmp_path / "x") == 0o640
 
 
 def test_a_read_only_file_is_refused_even_to_root(tmp_path, log, capsys):
@@ -338,14 +309,3 @@ def test_two_at_once_leave_one_whole(tmp_path):
             assert len(set(path.read_text())) == 1
         time.sleep(0.001)
     assert list(tmp_path.iterdir()) == [path]
-
-
-# ---- one door
-
-
-def test_an_output_is_refused_before_anything_is_computed(tmp_path):
-    with pytest.raises(InputError, match="no such folder"):
-        check_output(tmp_path / "none" / "x")
-    with pytest.raises(InputError, match="it is a folder"):
-        check_output(tmp_path)
-    assert check_output(tmp_path / "new") is None

@@ -5,7 +5,6 @@ layout is odd, which are read.
 """
 
 import contextlib
-import io
 import json
 import math
 import os
@@ -23,9 +22,8 @@ from mutated import mutated
 from launchid.cli.main import main
 from launchid.log.log import measured_logs, read_log
 from launchid.log.stamps import usable_rows
-from sim.csv_text import AS_TEXT, rows
 from sim.errors import InputError
-from sim.log_table import ROWS_A_BLOCK, Columns, number, numbers
+from sim.log_table import ROWS_A_BLOCK
 
 
 @every("case", MALFORMED)
@@ -137,27 +135,6 @@ def test_a_log_that_grows_while_it_is_read_is_its_rows_so_far_or_this_line(tmp_p
     assert len(read_log(log).t) == 8_000 and seen
 
 
-@pytest.mark.parametrize("count", [1, ROWS_A_BLOCK])
-def test_a_cut_line_is_the_last_whatever_the_file_has_got_meanwhile(tmp_path, count):
-    """The file has the line's other half by the time that it is read again; also where a block of rows ends."""
-    log = tmp_path / "log.csv"
-    log.write_bytes(HEAD + b"".join(b"%d.5,0.25,-0.125\n" % k for k in range(count - 1)) + b"77.5,0.2")
-
-    class Grows(io.TextIOWrapper):
-        def readline(self, size: int = -1) -> str:  # type: ignore[override]
-            line = super().readline(size)
-            if not line.endswith("\n"):
-                with log.open("ab") as file:
-                    file.write(b"5,-0.125\n")
-            return line
-
-    with Grows(log.open("rb"), **AS_TEXT) as file:
-        lines = rows("log", file)
-        columns = Columns("log", next(lines)[1])
-        with pytest.raises(InputError, match=f"^log: line {count + 1}: 2 cells, expected 3 as in the header{CUT}$"):
-            columns.read(lines)
-
-
 @every("words", [["diagnose", "LOG", "constant"], ["uncertainty", "LOG", "constant"],
                  ["identify", "LOG", "--nominal", "constant"], ["nominal", "LOG", "--out", "OUT"]])
 def test_a_clock_that_is_none_is_refused_by_every_command(tmp_path, capsys, words):
@@ -203,17 +180,6 @@ def test_words_for_what_is_not_measured_and_for_infinity(tmp_path):
     found = read_log(tmp_path / "log.csv").theta_dot
     assert np.isnan(found[:6]).all()
     assert found[6:].tolist() == [math.inf, -math.inf, math.inf, math.inf, -math.inf]
-
-
-def test_a_block_s_numbers_are_those_of_its_cells_one_by_one():
-    """The short way through a column gives the bits of the long one, and refuses what that refuses."""
-    rng = np.random.default_rng(1)
-    cells = [repr(x) for x in (rng.standard_normal(500) * 10.0 ** rng.integers(-30, 30, 500)).tolist()]
-    assert numbers(cells) == [number(cell) for cell in cells] == list(map(float, cells))
-    for odd in ("1e", "1e00001", "1 2", ".", "+", "e5", "1-2", "\n", "1\n2", "--1"):
-        one = number(odd)
-        assert (numbers(["0", odd]) is None) == (one is None), odd
-    assert math.isnan(numbers(["1", ""])[1])
 
 
 @pytest.mark.parametrize("at", [0, ROWS_A_BLOCK - 1, ROWS_A_BLOCK, 2 * ROWS_A_BLOCK + 5])

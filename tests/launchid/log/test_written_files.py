@@ -2,7 +2,6 @@
 
 import dataclasses
 import difflib
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -199,15 +198,3 @@ def test_a_source_that_is_gone_is_written_anew_and_says_so(own, tmp_path):
     own.unlink()
     assert rewritten(nominal, tmp_path / "new.toml").splitlines()[0] == ANEW
     assert ANEW not in rewritten(dataclasses.replace(nominal, path=""), tmp_path / "new.toml")
-
-
-def test_a_long_list_over_many_lines_costs_no_square(own, tmp_path, monkeypatch):
-    """The text parsed in all is a few times the file, not its lines times the file."""
-    t = ",\n ".join(f"{0.01 * k:.2f}  # [{k}]" for k in range(4000)).replace("  #", " , #").replace(",\n", "\n")
-    own.write_text(OWN.replace("[0.0,         # s\n     5.0,         # the step [see the plan]\n     20.0]", f"[{t}\n]")
-                   .replace("[0.0, 0.05,\n  0.0]", f"[{', '.join(['0.0'] * 4000)}]"))
-    nominal, parsed, loads = dataclasses.replace(load_nominal(own), test_input=SINES), [], tomllib.loads
-    monkeypatch.setattr(tomllib, "loads", lambda text: parsed.append(len(text)) or loads(text))
-    rewrite_nominal(nominal, tmp_path / "new.toml")
-    assert sum(parsed) < 10 * len(own.read_text())
-    assert rewritten(nominal, tmp_path / "new.toml").count(" , #") == 4000

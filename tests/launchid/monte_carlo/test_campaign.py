@@ -27,7 +27,7 @@ from launchid.commands.campaign import campaign
 from launchid.monte_carlo.campaign import ATTEMPTS, Job, draw_jobs, run_campaign
 from launchid.monte_carlo.journal import LOCK, locked
 from launchid.monte_carlo.requirement.folder import CAMPAIGN, FLIGHTS_FILE, JOURNAL
-from sim.errors import InputError, UsageError
+from sim.errors import InputError
 from sim.nominal import Nominal, Offsets, load_nominal
 
 
@@ -141,23 +141,6 @@ def test_enough_is_the_first_jobs_whatever_else_was_done(tmp_path, reference, wo
     assert not (tmp_path / "t.csv.journal").exists()
 
 
-def test_what_was_enough_before_a_kill_is_enough_after_it(tmp_path, reference):
-    """The journal has all that is needed: nothing runs again."""
-    folder, path = tmp_path / "marks", tmp_path / "t.csv"
-    folder.mkdir()
-    interrupted(points(50), folder, path, 30)
-    marks = len(list(folder.iterdir()))
-    given: set[int] = set()
-
-    def enough(number: int, _: object) -> int | None:
-        given.add(number)
-        return 10 if set(range(10)) <= given else None
-
-    run_campaign(points(50), functools.partial(slow, folder), path, workers=2, enough=enough)
-    assert path.read_bytes() == b"".join(reference.splitlines(keepends=True)[:11])
-    assert len(list(folder.iterdir())) == marks
-
-
 # ---- interruption
 
 
@@ -248,14 +231,6 @@ def test_finished_table_is_not_overwritten(tmp_path, reference):
         run_campaign(points(50), draw, tmp_path / "reference.csv")
 
 
-@pytest.mark.parametrize("wrong", [{"workers": -1}, {"chunk": 0}])
-def test_wrong_numbers_are_refused(tmp_path, wrong):
-    with pytest.raises(UsageError):
-        run_campaign(points(1), draw, tmp_path / "t.csv", **wrong)
-    with pytest.raises(UsageError, match="no jobs"):
-        run_campaign([], draw, tmp_path / "t.csv")
-
-
 # ---- workers that die
 
 
@@ -273,33 +248,6 @@ def test_a_job_that_always_kills_is_found_and_fails_alone(tmp_path):
 
 
 # ---- an engine beyond one machine
-
-
-@pytest.fixture
-def cluster() -> Iterator[object]:
-    """A real local cluster of three worker processes."""
-    distributed = pytest.importorskip("distributed", reason="distributed (extra `cluster`) is not installed")
-    with distributed.LocalCluster(n_workers=3, threads_per_worker=1, processes=True, dashboard_address=None) as made, \
-            distributed.Client(made) as client:
-        yield client
-
-
-@pytest.mark.campaign
-def test_dask_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path, reference, cluster):
-    folder = tmp_path / "marks"
-    folder.mkdir()
-    pids = list(cluster.run(os.getpid).values())
-    killed = []
-
-    def progress(_: int) -> None:
-        if not killed and len(list(folder.iterdir())) >= 10:
-            os.kill(pids[0], signal.SIGKILL)
-            killed.append(pids[0])
-
-    table = run_campaign(points(50), functools.partial(slow, folder), tmp_path / "t.csv", cluster.get_executor(),
-                         workers=3, chunk=2, progress=progress)
-    assert killed and len(pids) == 3
-    assert table.path.read_bytes() == reference
 
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -26,7 +26,7 @@ from launchid.cli.main import main
 from launchid.commands.campaign import campaign, foreseen
 from launchid.monte_carlo.requirement.flight import METRICS, Flyer, flight_jobs
 from launchid.monte_carlo.requirement.grammar import requirement
-from launchid.monte_carlo.requirement.sequential import Count, Planned, Sequential, Watch, wilks_rank
+from launchid.monte_carlo.requirement.sequential import Count, Planned, Sequential, wilks_rank
 from sim.errors import InputError, UsageError
 from sim.flight import dispersion, fly_whole
 from sim.nominal import Nominal, Offsets, Profile, Sensors, Wind, load_nominal, write_nominal
@@ -143,23 +143,6 @@ def test_bounds_and_verdicts_are_one(n, failures, confidence):
 
 ROW = {"lost": 0, **dict.fromkeys(METRICS, 0.1), "end": 1.0}
 LOST = {**ROW, "lost": 1}
-
-
-def test_watching_in_any_order_is_counting_in_the_order_of_the_seeds():
-    rng = np.random.default_rng(3)
-    for p in (0.0, 0.02, 0.05, 0.3):
-        outcomes = [LOST if rng.random() < p else ROW for _ in range(3000)]
-        asked = [requirement("lost<0.05@0.9"), requirement("max_beta<0.2:0.97@0.8")]
-        straight = Watch(asked, planned=False)
-        n = next((n for k, outcome in enumerate(outcomes) if (n := straight(k, outcome)) is not None), None)
-        mixed = Watch(asked, planned=False)
-        found = None
-        for start in range(0, 3000, 50):
-            for k in (start + rng.permutation(50)).tolist() * 2:  # each comes twice
-                if found is None:
-                    found = mixed(k, outcomes[k])
-        assert found == n
-        assert [c.verdict for c in straight.counts] == [c.verdict for c in mixed.counts]
 
 
 def test_a_flight_without_a_result_speaks_for_nobody():

@@ -27,7 +27,7 @@ from launchid.watch.first_rows import MOST_CHECKED, FirstRows
 from launchid.watch.follower import LAST_WINDOWS, Follower
 from launchid.watch.lines import LONGEST_LINE, Lines
 from launchid.watch.live import MOST_WINDOWS, POINT, POINTS_SHOWN, WINDOW_COLUMNS, Live, message
-from launchid.watch.server import LIVE_PAGE, MOST_PAGES, Server
+from launchid.watch.server import MOST_PAGES, Server
 from launchid.watch.session import Watched, watch
 from launchid.watch.sources import Source, open_source
 from launchid_core import Config, Estimator, Status
@@ -577,42 +577,3 @@ def test_the_page_in_a_browser(folder, nominal, identified, tmp_path, monkeypatc
     assert [title.split(" [")[0] for title in titles if "level" not in title] == \
         ["a6", "k1", "wind angle", "status of the windows"]
     assert page.count("<canvas") >= len(titles), "each is drawn"
-    zoomed(servers[0], tmp_path)
-
-
-DRAG = """<script>
-class Told {
-  constructor() { Told.one = this; setTimeout(() => this.say(STATE), 50); }
-  say(news) { this.onmessage({data: JSON.stringify(news)}); }
-  close() {}
-}
-window.EventSource = Told; window.requestAnimationFrame = work => setTimeout(work, 16);
-setTimeout(() => {
-  const over = document.querySelectorAll(".u-over")[1], box = over.getBoundingClientRect();
-  const hand = (kind, x, on) => on.dispatchEvent(new MouseEvent(kind, {clientX: box.left + x * box.width,
-    clientY: box.top + 0.5 * box.height, bubbles: true, movementX: 9, view: window}));
-  hand("mousemove", 0.5, over); hand("mousedown", 0.25, over);
-  hand("mousemove", 0.75, over); hand("mouseup", 0.75, document);
-  setTimeout(() => Told.one.say({...STATE, head: undefined, points: [], windows: []}), 100);
-  setTimeout(() => hand("mousemove", 0.5, over), 200);
-  setTimeout(() => { document.title = JSON.stringify([plots.map(p => [p.scales.x.min, p.scales.x.max]),
-    [...document.querySelectorAll(".u-legend .u-value:first-of-type")].map(each => each.textContent)]); }, 300);
-}, 500)</script>"""
-
-
-def zoomed(server: Server, folder: Path) -> None:
-    """A drag over the middle half of one panel: all show it, also after news, and the cursor's time is one."""
-    state, page = message(server.live, None)[0], folder / "page.html"
-    script = DRAG.replace("STATE", "window.STATE").replace("<script>", f"<script>window.STATE = {json.dumps(state)};")
-    page.write_text(LIVE_PAGE.decode().replace("<script>", script + "<script>", 1), encoding="utf-8")
-    done = subprocess.run([
-        CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'second'}",
-        "--window-size=1280,1100", "--virtual-time-budget=4000", "--dump-dom", page.as_uri()],
-        capture_output=True, text=True, timeout=SLOWEST, check=True)
-    spans, times = json.loads(re.search(r"<title>(.*?)</title>", done.stdout)[1])
-    points = [point[0] for point in state["points"]]
-    low, high = min(*points, state["windows"][0][0]), max(*points, state["windows"][-1][1])
-    assert len({tuple(span) for span in spans}) == 1 and len(spans) > 3
-    assert spans[0] == pytest.approx([low + 0.25 * (high - low), low + 0.75 * (high - low)], abs=0.1)
-    assert len({each for each in times if "\u00b1" not in each}) == 1
-    assert float(times[0]) == pytest.approx(0.5 * (low + high), abs=0.1)
