@@ -20,7 +20,6 @@ from typing import Any
 import pytest
 
 import launchid
-from benchmarks.tables import commands_of
 from launchid.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -188,10 +187,3 @@ def is_benchmark(line: str) -> bool:
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.name)
 def test_every_command_of_a_page_runs_as_written(page, tmp_path):
     assert fails([line for line in prepared(page, tmp_path) if not is_benchmark(line)], tmp_path) == []
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("line", [line for line in sorted({line for page in PAGES for line in commands_of(
-    page.read_text(encoding="utf-8"))}) if not line.startswith(tuple(ELSEWHERE))])
-def test_a_benchmark_of_the_pages_runs_as_written(line, tmp_path):
-    assert fails([line], tmp_path) == []

@@ -3,14 +3,12 @@
 import dataclasses
 
 import numpy as np
-import plain_servo
 import pytest
 
-from launchid.bound.flights import flight_bound, noise_variances, switched
+from launchid.bound.flights import flight_bound, switched
 from launchid.bound.information import DIFFUSE, WITH_SERVO, window_information, without_offset
 from launchid.bound.step import FIRST_ORDER, transition
 from sim.errors import InputError
-from sim.flight import fly_whole
 from sim.nominal import Nominal, Offsets, Wind, load_nominal, nominal_lines
 
 linalg = pytest.importorskip("scipy.linalg")
@@ -189,38 +187,3 @@ def test_the_keys_are_read_checked_and_written(tmp_path):
     path.write_text(first)
     with pytest.raises(InputError, match="time_constant and natural_frequency_sigma"):
         load_nominal(path)
-
-
-# ---- the on-board filter's regression, in plain numpy
-
-
-def test_its_information_is_the_bounds_and_its_fits_spread_as_that_says():
-    """Windows of 5 s of flights whose servo has 36 rad/s, damping ratio 0.6 and 15.2 ms instead of 50, 0.7 and 0."""
-    nominal = load_nominal("constant")
-    truth = np.array([2.0, -7.0, 36.0, 0.6, 0.0152])
-    true = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation, duration=11.0),
-                               actuator=dataclasses.replace(nominal.actuator, natural_frequency=36.0,
-                                                            damping_ratio=0.6, delay=0.0152))
-    errors = []
-    for seed in range(4):
-        flight = fly_whole(true, seed)
-        span = slice(500, 1000)
-        z, u = np.column_stack([flight.theta, flight.theta_dot, flight.beta])[span], flight.beta_cmd[span]
-        noises = noise_variances(true, 0.01)
-        value, std = plain_servo.fitted(z, u, noises, 0.01, np.array([2.0, -7.0, 50.0, 0.7, 0.001]),
-                                        np.array([15.0, 0.21, 0.02]))
-        errors.append((value - truth) / std)
-        table = plain_servo.rows(truth, z, u, noises, 0.01)[:, :9]
-        own = without_offset((table.T @ table)[None])[0] * np.outer(unit_of(truth), unit_of(truth))
-        older, newer, switch = switched(u, truth[4], 0.01)
-        bound = np.zeros((1, WITH_SERVO, WITH_SERVO))
-        window_information(flight.t[span], z, older, np.full(500, 2.0), np.full(500, -7.0), truth[2:4], noises,
-                           np.zeros(500, np.int64), bound, np.zeros(500), newer=newer, switch=switch)
-        scale = np.sqrt(np.diag(own))
-        assert np.allclose(without_offset(bound)[0] / np.outer(scale, scale), own / np.outer(scale, scale), atol=0.02)
-    assert np.max(np.abs(errors)) < 4.0 and 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.6
-
-
-def unit_of(truth: np.ndarray) -> np.ndarray:
-    """The units that the bound's information is relative to."""
-    return np.array([*truth[:4], 1.0])

@@ -105,6 +105,7 @@ def assert_same(program: Path, config: Config, samples: list[Sample]) -> list[li
     return wanted
 
 
+LONG_ENOUGH = 40.0  # s: twice the time of the loss
 KINDS = some("filtered-vega-range", "filtered-wind-servo", "filtered-functions", "measured-stls", "difference-sr3",
              "integral-lasso", "lpv")  # of every formulation, solver and part of the filter one
 
@@ -115,7 +116,7 @@ def test_a_flight_gives_the_same_bits(name, tmp_path):
     config = CONFIGS[name]
     samples = flight("vega_like" if "vega" in name else "constant", "ideal" if "measured" in name else "flight",
                      **(ROUGH if "wind" in name else {}))
-    said = assert_same(built(tmp_path, config), config, samples)
+    said = assert_same(built(tmp_path, config), config, [sample for sample in samples if sample.t < LONG_ENOUGH])
     assert sum(line[0] == "window" and line[1] == "0" for line in said) >= 3  # or there was nothing to compare
     assert any(line[0] == "level" for line in said) == ("range" in name)
     changed = any(line[0] == "change" for line in said) or int(said[-1][-1]) > 0  # or withdrawn
@@ -137,7 +138,7 @@ def test_a_sudden_change_at_no_time_is_the_same(tmp_path):
                                 profile_a6=(7538.0, 100.0), profile_k1=(-11275.0, -100.0), theta_dot_std=2.7e-6)
     config = Config(window=1.0, sample_period=0.01, formulation="filtered", model=model)
     program = built(tmp_path, config)
-    for seed in range(6):
+    for seed in range(3):
         assert_same(program, config, hostile(seed))
 
 

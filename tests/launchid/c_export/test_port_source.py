@@ -29,41 +29,28 @@ def test_no_compiler_warns(name, tmp_path):
 # ---- options that break NaN or the order of sums
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
-@pytest.mark.parametrize("option", ["-ffast-math", "-ffinite-math-only", "-Ofast"])
-def test_an_option_without_nan_is_refused(compiler, option, tmp_path):
+NO_NAN, REORDERS, WIDER, SHORTER = (
+    "expected NaN and infinities", "every operation as it is written", "expected plain double precision",
+    "expected doubles of 64 bits")
+REFUSED = [
+    *((compiler, options, said) for compiler in COMPILERS for options, said in (
+        ("-ffast-math", NO_NAN), ("-ffinite-math-only", NO_NAN), ("-Ofast", NO_NAN),
+        ("-U__DBL_MANT_DIG__ -D__DBL_MANT_DIG__=24", SHORTER))),
+    *(("gcc", options, REORDERS) for options in (
+        "-funsafe-math-optimizations", "-freciprocal-math", "-fno-signed-zeros",
+        "-fassociative-math -fno-signed-zeros -fno-trapping-math")),
+    *([("gcc", "-mfpmath=387", WIDER)] if platform.machine() == "x86_64" else [])]
+
+
+@pytest.mark.parametrize(("compiler", "options", "said"), REFUSED)
+def test_an_option_without_nan_is_refused(compiler, options, said, tmp_path):
+    """And one that reorders sums, or whose doubles are wider or shorter."""
     if shutil.which(compiler) is None:
         pytest.skip(f"no {compiler} here")
     folder = written(tmp_path, CERTIFIED["integral"])
-    done = subprocess.run([compiler, "-std=c99", option, "-w", "-fsyntax-only", "launchid.c"], cwd=folder,
+    done = subprocess.run([compiler, "-std=c99", "-w", *options.split(), "-fsyntax-only", "launchid.c"], cwd=folder,
                           capture_output=True, text=True, check=False)
-    assert done.returncode != 0 and "expected NaN and infinities" in done.stderr
-
-
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc here")
-@pytest.mark.parametrize("options", ["-funsafe-math-optimizations", "-freciprocal-math", "-fno-signed-zeros",
-                                     "-fassociative-math -fno-signed-zeros -fno-trapping-math"])
-def test_gcc_may_not_reorder_sums(options, tmp_path):
-    done = subprocess.run(["gcc", "-std=c99", *options.split(), "-fsyntax-only", "launchid.c"],
-                          cwd=written(tmp_path, CERTIFIED["integral"]), capture_output=True, text=True, check=False)
-    assert done.returncode != 0 and "every operation as it is written" in done.stderr
-
-
-@pytest.mark.skipif(platform.machine() != "x86_64" or shutil.which("gcc") is None, reason="an option of gcc's x86-64")
-def test_wider_intermediate_results_are_refused(tmp_path):
-    done = subprocess.run(["gcc", "-std=c99", "-mfpmath=387", "-fsyntax-only", "launchid.c"], capture_output=True,
-                          cwd=written(tmp_path, CERTIFIED["integral"]), text=True, check=False)
-    assert done.returncode != 0 and "expected plain double precision" in done.stderr
-
-
-@pytest.mark.parametrize("compiler", COMPILERS)
-def test_shorter_doubles_are_refused(compiler, tmp_path):
-    if shutil.which(compiler) is None:
-        pytest.skip(f"no {compiler} here")
-    done = subprocess.run([compiler, "-std=c99", "-w", "-U__DBL_MANT_DIG__", "-D__DBL_MANT_DIG__=24", "-fsyntax-only",
-                           "launchid.c"], cwd=written(tmp_path, CERTIFIED["integral"]), capture_output=True, text=True,
-                          check=False)
-    assert done.returncode != 0 and "expected doubles of 64 bits" in done.stderr
+    assert done.returncode != 0 and said in done.stderr
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="options of x86-64")

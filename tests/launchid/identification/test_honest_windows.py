@@ -25,7 +25,6 @@ from launchid.weakform.rows import usable
 from launchid.weakform.windows import disbelieved, judged_windows
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core.regression import residual
-from sim.effects import from_text
 from sim.flight import fly_whole, parameters
 from sim.nominal import Nominal, load_nominal
 
@@ -317,18 +316,6 @@ def test_of_a_column_of_another_quantity_no_number_is_left():
     assert all(math.isnan(x) for x in (left.a6, left.k1, left.tracked.a6, left.wind))
 
 
-def test_a_trim_is_in_the_default_library_and_refuses_one_that_lacks_it():
-    """A wind of 1.7 degrees makes a6 40 % wrong without a constant."""
-    flight = fly_whole(load_nominal("constant"), 1, effects=(from_text("steady_wind:angle=0.03"),))
-    made = identify(flown_log(flight), window="all").report["windows"][0]
-    assert made["status"] == "OK" and abs(made["a6"] - 2.0) < 3.0 * made["a6_std"] < 0.2
-    assert made["terms"]["1"] == pytest.approx(0.06, abs=4.0 * made["terms_std"]["1"])
-    refused = identify(flown_log(flight), window="all", library="rigid-body")
-    assert [e.status for e in refused.estimates] == [EstimateStatus.MODEL] and not refused.estimates[0].valid
-    other = refused.report
-    assert [w["status"] for w in other["windows"]] == ["MODEL"] and "1" in [lack["what"] for lack in other["lacks"]]
-
-
 # ---- what cannot be asked
 
 
@@ -336,15 +323,6 @@ def test_windows_too_short_for_their_coefficients_are_unchecked(clean):
     made = identify(clean, window=0.15).report
     assert "OK" not in {w["status"] for w in made["windows"]}
     assert "UNCHECKED" not in {w["status"] for w in made["windows"]} or "too few rows" in made["unchecked"]
-
-
-def test_a_log_of_short_stretches_is_unchecked_and_says_what_would_allow_it(clean):
-    """Every 0.34 s rows are lost: all windows were OK, k1 22 +- 10 for 87."""
-    rows = np.arange(len(clean.t)) % 40 < 34
-    holed = log_of({name: x[rows] for name, x in clean.measured().items()})
-    made = identify(holed, window=5.0).report
-    assert {w["status"] for w in made["windows"]} <= {"UNCHECKED", "LOW_INFORMATION", "SEPARATION", "RANK", "GAP"}
-    assert "UNCHECKED" in {w["status"] for w in made["windows"]} and "without a gap" in made["unchecked"]
 
 
 @pytest.mark.parametrize("stamp", [1e308, 1e11, 500.0, -500.0])

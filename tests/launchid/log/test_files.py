@@ -24,6 +24,10 @@ ROOT = Path(__file__).resolve().parents[3]
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="POSIX nodes, links and modes")
 
 
+def mode(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
     path = tmp_path / "log.csv"
@@ -181,6 +185,15 @@ def test_links_in_a_circle_and_into_nowhere_are_one_line(tmp_path):
 
 
 # ---- modes
+
+
+@pytest.mark.parametrize("bits", [0o600, 0o640, 0o664, 0o755])
+def test_the_mode_of_a_file_stays(tmp_path, bits):
+    path = tmp_path / "x"
+    path.write_text("old")
+    path.chmod(bits)
+    write_text(path, ["new"])
+    assert (path.read_text(), mode(path)) == ("new", bits)
 
 
 def test_a_read_only_file_is_refused_even_to_root(tmp_path, log, capsys):

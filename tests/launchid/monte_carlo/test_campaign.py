@@ -215,17 +215,6 @@ def test_torn_last_line_is_dropped(tmp_path, reference, torn):
     assert path.read_bytes() == reference
 
 
-@pytest.mark.parametrize("other", ["jobs", "work", "options"])
-def test_another_definition_is_refused(tmp_path, other):
-    folder, path = tmp_path / "marks", tmp_path / "t.csv"
-    folder.mkdir()
-    interrupted(points(50), folder, path, 10)
-    jobs = points(50, "another") if other == "jobs" else points(50)
-    work = draw if other == "work" else functools.partial(slow, folder)
-    with pytest.raises(InputError, match="another campaign"):
-        run_campaign(jobs, work, path, definition="sigma 0.3" if other == "options" else "")
-
-
 def test_finished_table_is_not_overwritten(tmp_path, reference):
     with pytest.raises(InputError, match="finished"):
         run_campaign(points(50), draw, tmp_path / "reference.csv")

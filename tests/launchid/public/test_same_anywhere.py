@@ -1,6 +1,6 @@
 """The command's bytes do not depend on locale, time zone, hash seed, or the encoding of the terminal.
 
-Sums along the rows of a log: those of numpy, and an orthonormal basis whose dependent columns are 0.
+An orthonormal basis of columns, those that depend on others being 0.
 """
 
 import os
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from launchid.sums import along, combined, inner, orthonormal, products, square
+from launchid.sums import orthonormal
 
 ROOT = Path(__file__).resolve().parents[3]
 SHORT = (ROOT / "sim" / "data" / "nominal" / "constant.toml").read_text(encoding="utf-8")
@@ -46,7 +46,7 @@ PLACES = {
 def made(folder: Path, variables: dict[str, str]) -> dict[str, bytes]:
     """The files that the commands write, stdout and stderr among them; in a folder whose name is not ASCII."""
     folder.mkdir(parents=True)
-    (folder / "short.toml").write_text(SHORT.replace("duration = 70.0", "duration = 6.0"), encoding="utf-8")
+    (folder / "short.toml").write_text(SHORT.replace("duration = 70.0", "duration = 3.0"), encoding="utf-8")
     done = subprocess.run([sys.executable, "-c", EVERYTHING, "."], cwd=folder, capture_output=True, timeout=900,
                           check=False, env={**os.environ, "PYTHONPATH": str(ROOT), **variables})
     assert done.returncode == 0, done.stderr.decode()
@@ -102,14 +102,7 @@ def test_any_name_of_a_file_can_be_said(tmp_path, encoding):
     assert len(said) == len(logs) + 1 and all(each.count(b"\n") > 3 for each in said[:-1])
 
 
-RANDOM = np.random.default_rng(8)
-A, B, X, Y = (RANDOM.standard_normal(shape) for shape in ((50, 4), (50, 3), 50, 4))
-
-
-def test_sums_are_those_of_numpy():
-    assert products(A, B) == pytest.approx(A.T @ B)
-    assert along(A, X) == pytest.approx(A.T @ X) and combined(A, Y) == pytest.approx(A @ Y)
-    assert square(X) == pytest.approx(X @ X) and inner(X, A[:, 0]) == pytest.approx(X @ A[:, 0])
+A = np.random.default_rng(8).standard_normal((50, 4))
 
 
 @pytest.mark.parametrize("scale", [1e-100, 1.0, 1e100])

@@ -19,7 +19,6 @@ from launchid.robustness.margin_spread import (
     MARGIN_NAMES,
     Interval,
     Known,
-    Spread,
     margin_spread,
     margin_table,
 )
@@ -187,13 +186,6 @@ def test_a_loop_that_may_be_unstable_says_how_probably():
     assert margin_spread(known((9.0, -6.0, 50.0, 0.7, 0.0), (0.1, 0.1, 0, 0, 0)), PD).phase_deg == Interval(0, 0, 0, 0)
 
 
-def test_what_is_known_exactly_has_no_interval():
-    spread = margin_spread(Known(np.array(CENTRES[0]), np.zeros((5, 5))), PD)
-    for k, name in enumerate(MARGIN_NAMES):
-        value = margin_table(loops(plants_of(np.array([CENTRES[0]])), PD))[0, k]
-        assert getattr(spread, name) == Interval(value, 0.0, value, value)
-
-
 # ---- of a flight
 
 
@@ -260,17 +252,6 @@ def test_loops_that_are_not_modelled_are_refused(flight, section, sections):
 
 
 # ---- what is required
-
-
-def spread_of(phase: tuple[float, float, float]) -> Spread:
-    wide = Interval(20.0, 1.0, 18.0, 22.0)
-    return Spread(Interval(-12.0, 1.0, -14.0, -10.0), wide, Interval(phase[0], 1.0, phase[1], phase[2]), wide, 1.0)
-
-
-@pytest.mark.parametrize(("phase", "below"), [
-    ((40.0, 35.0, 45.0), {}), ((31.0, 28.0, 34.0), {"phase_deg": False}), ((25.0, 22.0, 28.0), {"phase_deg": True})])
-def test_an_interval_is_below_or_may_be_or_is_not(phase, below):
-    assert spread_of(phase).below(Required()) == below
 
 
 def test_windows_below_are_listed_and_said(flight, made):
@@ -360,14 +341,6 @@ def test_a_known_servo_that_is_another_one_has_no_margins(slow):
     """Without the servo's sigma the phase margin would be beyond its interval in every window."""
     found = launchid.margins(slow, CONSTANT)
     assert [each["status"] for each in found.report["windows"]] == ["MODEL"] * 6
-
-
-def test_what_is_believed_beforehand_counts(slow):
-    """All but sure of the frequency, sure of the rest: the log, which says another, moves it by next to nothing."""
-    sure = replace(CONSTANT, actuator=replace(CONSTANT.actuator, natural_frequency_sigma=1e-4))
-    servo = launchid.margins(slow, sure).servo
-    assert servo.mean == pytest.approx([50.0, 0.7, 0.0], abs=0.1)
-    assert np.sqrt(np.diag(servo.covariance)) == pytest.approx([0.005, 0.0, 0.0], rel=0.05)
 
 
 def test_without_the_command_the_servo_is_as_declared_and_that_is_said(slow):

@@ -195,12 +195,6 @@ def test_chi_square_quantiles_are_the_tables(probability, degrees, value):
     assert gb.chi_square_quantile(probability, degrees) == pytest.approx(value, rel=1e-5)
 
 
-@pytest.mark.parametrize(("n", "rank"), [(58, 0), (59, 1), (92, 1), (93, 2), (123, 2), (124, 3)])
-def test_order_statistics_of_95_95_are_wilks(n, rank):
-    """One-sided 95/95: 59, 93, 124 (Wilks 1941; the nuclear industry's table)."""
-    assert gb.wilks_rank(n, 0.95, 0.95) == rank
-
-
 @pytest.mark.parametrize("n", [8, 30, 80])
 def test_the_range_holds_its_share_with_its_confidence(n):
     """Normal deviations seen through noise as large as a third of them."""

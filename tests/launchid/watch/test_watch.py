@@ -207,9 +207,9 @@ def drifting(seed: int, duration: float) -> dict[str, Callable]:
 
 
 @pytest.mark.parametrize(("flights", "low", "high"), [
-    (6, 0.85, 1.0), pytest.param(60, 0.93, 0.97, marks=pytest.mark.campaign)])
+    (3, 0.8, 1.0), pytest.param(60, 0.93, 0.97, marks=pytest.mark.campaign)])
 def test_the_page_s_intervals_hold_the_truth_at_all_times(flights, low, high):
-    """A flight's share varies by 0.09: of six it is within 0.85 by chance in 99 of 100.  With the profile of the last
+    """A flight's share varies by 0.09: of three it is within 0.8 by chance in 99 of 100.  With the profile of the last
     window's end it was 0.12 (a6) and 0.48 (k1), on four flights with constant deviations."""
     vega = load_nominal("vega_like")
     held = []
@@ -495,23 +495,6 @@ def test_it_listens_on_the_loopback_only(server):
         source = open_source(text, once=True)
         assert source._socket.getsockname()[0] == "127.0.0.1"
         source._socket.close()
-
-
-def test_the_newest_pages_are_told_and_the_oldest_goes_for_one_more(server):
-    """The oldest page hears why, and does not come again by itself."""
-    pages = [Listener(server.server_address[1])]
-    Session.until(lambda: bool(pages[0].last))
-    for k in range(MOST_PAGES):
-        pages.append(Listener(server.server_address[1]))
-        assert pages[-1].answer.getheader("Content-Type") == "text/event-stream"
-        Session.until(lambda k=k: len(server.telling) == min(k + 2, MOST_PAGES))  # type: ignore[misc]
-    pages[0].end()
-    assert pages[0].events == ["replaced"] and len(server.telling) == MOST_PAGES
-    server.live.now = {"state": "ended"}
-    server.live.revision += 1
-    for page in pages[1:]:
-        page.end()
-        assert page.last["now"] == {"state": "ended"} and page.events == []
 
 
 # ---- as a command

@@ -27,7 +27,7 @@ from launchid.watch.sources import MOST_SENDERS, open_source
 from sim.flight import fly
 from sim.nominal import Nominal, load_nominal
 
-SECONDS = 6.0
+SECONDS = 3.0
 A6 = 2.0            # of `constant`
 FEW_THREADS = 8     # of this process, beside those of connections
 HEADER = b"t,theta,theta_dot,beta,beta_cmd\n"

@@ -106,13 +106,13 @@ def test_noise_of_a_sensor_under_feedback_biases_nothing(period, noise):
         nominal, sensors=dataclasses.replace(nominal.sensors, period=period, **noise),
         controller=dataclasses.replace(nominal.controller, period=period),
         simulation=dataclasses.replace(nominal.simulation, duration=60.0))
-    told = [each for seed in range(3) for each in
+    told = [each for seed in range(2) for each in
             launchid.identify(launchid.simulate(nominal, seed=seed), window=10.0).report["windows"] if each["valid"]]
     value, std = (np.array([[each[name] for name in pair] for each in told]) for pair in (
         ("a6", "k1"), ("a6_std", "k1_std")))
     weight = 1.0 / std**2
     off = np.sum(weight * (value - (2.0, -7.0)), axis=0) / np.sum(weight, axis=0)
-    assert len(told) >= 15 and np.all(np.abs(off) < 3.0 / np.sqrt(np.sum(weight, axis=0)))
+    assert len(told) >= 10 and np.all(np.abs(off) < 3.0 / np.sqrt(np.sum(weight, axis=0)))
     assert np.all(np.abs(off) < 0.02 * np.array([2.0, 7.0]))
 
 
