@@ -25,6 +25,7 @@ from launchid.weakform.rows import usable
 from launchid.weakform.windows import disbelieved, judged_windows
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core.regression import residual
+from sim.effects import from_text
 from sim.flight import fly_whole, parameters
 from sim.nominal import Nominal, load_nominal
 
