@@ -36,11 +36,9 @@ from sim.flight import fly_whole, parameters
 WINDOWS = (1.0, 5.0, 10.0)
 USEFUL = 0.3   # windows with a larger relative bound are left out
 SPREAD = 0.25
-LOWEST, HIGHEST, SPACING = 0.1, 1.5, 0.04  # Hz: band of the frequency-domain method
 DRIFT = 0.15            # s: a parameter's random walk has the relative std DRIFT/window after one window; see `walk`
 PRIOR_STD = 0.25        # relative, of the parameters before the first row: the nominals' uncertainty
 NOZZLE_RATE_STD = 0.5   # rad/s, of beta_dot before the first row
-NO_PRIOR = 1.0e6        # first covariance of recursive least squares over a typical squared parameter
 THRESHOLD = 0.5         # 1/s^2, of the ten-term fits: launchid's own default
 HALF_WIDTH = 0.11       # s at 1 s, growing with the root of the window: half a subdomain of the tuned weak form
 MANY = 400              # subdomains of the weak form
@@ -127,56 +125,6 @@ def pysindy_weak_tuned(log: Log, window: float, model: Model) -> np.ndarray:
     return np.array(out)
 
 
-# --- recursive least squares -----------------------------------------------------------------------------------------
-
-def recursive_least_squares(log: Log, window: float, model: Model) -> np.ndarray:
-    """Recursive least squares on the centrally differenced rate, forgetting 1 - period/window (memory: one window).
-
-    Ljung, System Identification, 2nd ed., section 11.2.  Uses data from before the window, with half the variance of
-    a rectangular window of the same memory.  FAVOUR: compared with the truth at the window's centre although its data
-    are one window old on average.
-    """
-    rate = (log.theta_dot[2:] - log.theta_dot[:-2]) / (log.t[2:] - log.t[:-2])
-    rows = np.column_stack([log.theta, log.beta])[1:-1]
-    forgetting, p, x = 1.0 - log.period / window, NO_PRIOR * np.eye(2), np.zeros(2)
-    after = np.empty_like(rows)
-    for i, row in enumerate(rows):
-        gain = p @ row
-        scale = 1.0 / (forgetting + row @ gain)
-        x = x + gain * ((rate[i] - row @ x) * scale)
-        p = (p - np.outer(gain, gain) * scale) / forgetting
-        after[i] = x
-    return after[np.clip(edges(log, window)[1:] - 2, 0, len(rows) - 1)]
-
-
-# --- frequency domain ------------------------------------------------------------------------------------------------
-
-def frequency(log: Log, window: float, model: Model) -> np.ndarray:
-    """Real-time equation error in the frequency domain, transforms restarted with every window.
-
-    Morelli, AIAA-99-4043: recursive Fourier transform on a band (0.1..1.5 Hz by 0.04 Hz), derivative by i omega.
-    FAVOUR: not in the publication, the window's end values of the rate, q(T) exp(-i omega T) - q(0), are unknowns too;
-    the transient term of Pintelon & Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., chapter 6.
-    """
-    omega = 2.0 * math.pi * np.arange(LOWEST, HIGHEST + 1e-9, SPACING)
-    bounds = edges(log, window)
-    signal = np.column_stack([log.theta, log.beta, log.theta_dot])
-    out = np.full((len(bounds) - 1, 2), np.nan)
-    for w, (first, end) in enumerate(itertools.pairwise(bounds)):
-        turned = np.exp(-1j * np.outer(omega, log.period * np.arange(end - first)))
-        last = turned[:, -1]
-        weighted = turned * log.period
-        weighted[:, [0, -1]] *= 0.5  # trapezoidal rule
-        theta, beta, rate = (weighted @ signal[first:end]).T
-        matrix = np.column_stack([theta, beta, -last, np.ones(len(omega), complex)])
-        right = 1j * omega * rate
-        real = np.concatenate([matrix.real, matrix.imag])
-        scale = np.linalg.norm(real, axis=0)
-        scale[scale == 0.0] = 1.0
-        out[w] = np.linalg.lstsq(real / scale, np.concatenate([right.real, right.imag]), rcond=None)[0][:2] / scale[:2]
-    return out
-
-
 # --- parameters as states --------------------------------------------------------------------------------------------
 
 def walk(period: float, window: float) -> float:
@@ -257,8 +205,6 @@ METHODS = (
     Method("difference, two terms", _of(launchid, formulation="difference", library="rigid-body")),
     Method("pysindy weak, tuned", pysindy_weak_tuned, pysindy=True),
     Method("integral", _of(launchid, formulation="integral")),
-    Method("RLS, forgetting", recursive_least_squares, memory=True),
-    Method("frequency domain", frequency),
     Method("extended Kalman, profile", extended_kalman_profile, at_end=True, memory=True),
     Method("launchid filtered", _of(launchid, formulation="filtered")),
     Method("launchid tracked", _of(launchid, formulation="filtered", tracked=True), at_end=True, memory=True),

@@ -3,7 +3,6 @@
 import re
 import subprocess
 import tempfile
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -36,74 +35,8 @@ int main(void)
 }
 """
 
-KERNELS = {  # formulation whose source has it -> name -> call; m numbers in each of q columns
-    "measured": {
-        "scale_columns": "scale_columns(at, (Vector){norms, q})",
-        "qr_factor": "(void)qr_factor(at, (Integers){order, q}, (Vector){norms, q}, 0.0)",
-        "apply_q_transposed": "apply_q_transposed(at, (Vector){norms, q}, q, (Vector){y, m})",
-        "solve_triangle": "solve_triangle(at, q, (Vector){y, m}, (Vector){norms, q})",
-        "invert": "invert(q, q, (Integers){order, q}, (Matrix){other, q, 4 * q})"},
-    "filtered": {"absorb_rows": "absorb_rows((Matrix){other, q, q}, at, q, m)"}}
-KERNEL_DRIVER = """
-#include <stdio.h>
-#define MOST 65536
 
-static stored numbers[MOST], other[MOST], norms[MOST], y[MOST];
-static int64_t order[MOST];
-
-int main(void)
-{
-    int kernel, m, q;
-    while (scanf("%d %d %d", &kernel, &m, &q) == 3) {
-        const Matrix at = {numbers, q, m};
-        for (int k = 0; k < q * m; k++) {  /* columns that shrink: none is exchanged */
-            numbers[k].v = std::ldexp((double)((k * k * 13 + k * 7) % 101 - 50), -10 * (k / m));
-            norms[k].v = y[k].v = 1.0;
-        }
-        for (int k = 0; k < q * q; k++) {
-            other[k].v = (double)((k * k * 29 + k * 3) % 97 + 1);
-        }
-        for (int k = 0; k < q; k++) {
-            order[k] = k;
-        }
-        counted_so_far = {};
-        switch (kernel) {
-CALLS        }
-        printf("%ld %ld %ld %ld %ld %ld\\n", (long)counted_so_far.loads, (long)counted_so_far.stores,
-               (long)counted_so_far.sums, (long)counted_so_far.products, (long)counted_so_far.quotients,
-               (long)counted_so_far.roots);
-    }
-    return 0;
-}
-"""
-
-FORMULAS = {  # of COUNTED without stores, for m numbers in each of q columns; qr_factor: 2 m loads more an exchange
-    "scale_columns": ("3 m q + q", "m q + 3 q", "2 m q", "q", "q"),
-    "qr_factor": ("3 m q^2 + 2 m q - q^3 + 2 q^2 + 5 q",
-                  "3 m q^2/2 + m q/2 - q^3/2 + 4 q^2 + 9 q/2",
-                  "3 m q^2/2 + 3 m q/2 - q^3/2 + 3 q^2/2", "2 q", "q"),
-    "apply_q_transposed": ("4 m q - 2 q^2 + q", "2 m q - q^2 + 4 q", "2 m q - q^2", "0", "0"),
-    "solve_triangle": ("q^2 + q", "q^2/2 - q/2", "q^2/2 - q/2", "q", "0"),
-    "invert": ("q^3 - q^2/2 + q/2", "q^3/2 + q^2 - 3 q/2", "q^3/2 - q^2/2", "q^2/2 + q/2", "0"),
-    "absorb_rows": ("2 m q^2 + m q + q^2", "m q^2 + 5 q^2/2 + 7 q/2", "m q^2 + m q + q^2/2 + q/2", "2 q", "q")}
-AT_MOST = ("qr_factor",)  # columns go four at a time where there are four, which saves loads and sums
-
-
-def value(formula: str, m: int, q: int) -> Fraction:
-    """The value of a formula such as `3 m q^2/2 + q`."""
-    of = {"m": Fraction(m), "q": Fraction(q)}
-    total = Fraction(0)
-    for sign, term in re.findall(r"([+-]?) ?([^+-]+)", formula):
-        top, _, bottom = term.strip().partition("/")
-        product = Fraction(1, int(bottom or 1))
-        for factor in top.split():
-            base, _, power = factor.partition("^")
-            product *= (of[base] if base in of else Fraction(int(base))) ** int(power or 1)
-        total += -product if sign == "-" else product
-    return total
-
-
-def counted_source(files: dict[str, str], driver: str = DRIVER) -> str:
+def counted_source(files: dict[str, str]) -> str:
     """One C++ source of an export: arrays of `stored`, variables of `real`, updates only."""
     header, source = files["launchid.h"], files["launchid.c"]
     memory = header.index("/* ---- memory")
@@ -116,7 +49,7 @@ def counted_source(files: dict[str, str], driver: str = DRIVER) -> str:
     kernels = re.sub(r"\bdouble\b", "real", kernels).replace("union { DOUBLE", "union { double")
     update = rest[:rest.index("bool launchid_state_estimate")]
     kernels = kernels.replace('#include "launchid.h"', "")
-    return f'#include "{HERE / "port_counted.h"}"\n{header}{kernels}{update}{driver}'
+    return f'#include "{HERE / "port_counted.h"}"\n{header}{kernels}{update}{DRIVER}'
 
 
 def _counts(source: str, given: str) -> np.ndarray:
@@ -135,13 +68,3 @@ def operations(config: Config, samples: list[Sample]) -> tuple[np.ndarray, np.nd
     text = "".join(" ".join(repr(float(x)) for x in sample) + "\n" for sample in samples)
     table = _counts(counted_source(c_files(config)), text)
     return table[:, 0], table[:, 1:]
-
-
-def kernel_operations(formulation: str, config: Config, sizes: list[tuple[int, int]]) -> dict[str, np.ndarray]:
-    """Counts (n, 6) of each kernel of KERNELS for the sizes (m, q); config: any of the formulation."""
-    calls = KERNELS[formulation]
-    cases = "".join(f"        case {k}:\n            {call};\n            break;\n"
-                    for k, call in enumerate(calls.values()))
-    source = counted_source(c_files(config, general=True), KERNEL_DRIVER.replace("CALLS", cases))
-    given = "".join(f"{k} {m} {q}\n" for k in range(len(calls)) for m, q in sizes)
-    return dict(zip(calls, np.split(_counts(source, given), len(calls)), strict=True))

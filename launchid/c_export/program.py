@@ -49,10 +49,10 @@ INT_MAX = 2**31 - 1    # of an enumerator
 Key = tuple[Callable[..., Any], tuple[Kind, ...]]
 
 
-def c_files(config: Config, general: bool = False, vectors: dict[str, int] | None = None) -> dict[str, str]:
-    """File name -> text of an estimator with this configuration; `general`: kernels that know nothing of their callers,
-    to count what they do of arrays of any extents; vectors: how many `flights` and `samples` it is checked with."""
-    program = _Program(config, port_of(config), general)
+def c_files(config: Config, vectors: dict[str, int] | None = None) -> dict[str, str]:
+    """File name -> text of an estimator with this configuration; vectors: how many `flights` and `samples` it is
+    checked with."""
+    program = _Program(config, port_of(config))
     header, source = program.header(), program.source()
     functions = sorted(name for name in (*EXACT_FUNCTIONS, "fabs", "frexp", "ldexp")
                        if re.search(rf"\b{name}\(", source))
@@ -77,8 +77,8 @@ def _enumeration(names: type[Status] | type[EstimateStatus]) -> str:
 class _Program:
     """One configuration's."""
 
-    def __init__(self, config: Config, port: Port, general: bool) -> None:
-        self.config, self.port, self.unit = config, port, Unit(general)
+    def __init__(self, config: Config, port: Port) -> None:
+        self.config, self.port, self.unit = config, port, Unit()
         memory = port.memory
         parts = memory.parts._asdict()
         structs = {name: struct_of(part, constant=name == FIXED) for name, part in parts.items()}
@@ -93,8 +93,7 @@ class _Program:
         roots = self._roots()
         for root in roots:
             self.unit.kernel(*root, partial(roots.__getitem__, root))
-        if not general:
-            self.unit.settle(roots)
+        self.unit.settle(roots)
         self.update, self.report = self._call(port.update), self._call(port.report)
         self.seal = self._call(port.seal) or f"fold_words(&state->{STATE})"
 
@@ -293,8 +292,7 @@ def core_module(name: str) -> ModuleType:
 class Unit:
     """Kernels are translated when they are asked for, once for each kinds of arguments."""
 
-    def __init__(self, is_general: bool = False) -> None:
-        self.is_general = is_general    # kernels know nothing of their callers
+    def __init__(self) -> None:
         self.kernels: dict[Key, Kernel] = {}
         self.order: list[Kernel] = []
         self.structs: dict[Kind, str] = {}
@@ -315,7 +313,7 @@ class Unit:
             self.named[function.__name__] = count
             name = function.__name__ if count == 1 else f"{function.__name__}_{count}"
             self.kernels[key] = made = Kernel(self, function, key[1], name)
-            if given is not None and not self.is_general:
+            if given is not None:
                 made.given = given()
             made.translate()
             self.order.append(made)
