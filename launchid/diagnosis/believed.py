@@ -91,11 +91,11 @@ def _weather(nominal: Nominal, c: Changes) -> tuple[float, float, float, float]:
 
 
 def forcing(known: Believed, track: Track, terms: dict[str, float],
-            motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            motion: np.ndarray, nozzle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(moments of the vehicle and of the air (n,) [rad/s^2], shift (n, 3) of the measurements) that are known and
     depend on time or motion.
 
-    terms   those that the filter does not have;  motion (n, 3) attitude, rate and nozzle
+    terms   those that the filter does not have;  motion (n, 3) attitude, rate and nozzle;  nozzle (n sub,) at each step
     """
     c, t = known.changes, track.t[:-1] + 0.5 * np.diff(track.t)
     force, shift = np.zeros(len(t)), np.zeros((len(t), 3))
@@ -112,8 +112,7 @@ def forcing(known: Believed, track: Track, terms: dict[str, float],
     for bends, stiffness, drag, gain, *_ in c.modes:
         w = math.sqrt(stiffness)
         if bends:
-            shift[:, 0] += gain * mode(beta, w, 0.5 * drag / w, track.period, (0.0, 0.0, stiffness))
-            shift[:, 1] += gain * mode(beta, w, 0.5 * drag / w, track.period, (0.0, stiffness, 0.0))
+            shift += gain * bending(nozzle, w, 0.5 * drag / w, track)
         else:
             psi = gain * mode(theta, w, 0.5 * drag / w, track.period, (-1.0, 0.0, 0.0))
             force += np.append(0.5 * (psi[1:] + psi[:-1]), psi[-1])
@@ -123,6 +122,14 @@ def forcing(known: Believed, track: Track, terms: dict[str, float],
         wind = wind - _path(theta + wind, beta + c.thrust_misalignment, known.z_alpha, known.z_beta, np.diff(track.t))
     shift[:, 0] += c.attitude_bias
     return force, known.a6 * wind, shift
+
+
+def bending(nozzle: np.ndarray, w: float, zeta: float, track: Track) -> np.ndarray:
+    """The shift (n, 3) of the measurements by a mode of unit gain [rad/rad] that the nozzle (n sub,) drives."""
+    shift, step = np.zeros((len(track.z), 3)), track.period / track.sub
+    for channel in (0, 1):
+        shift[:, channel] = mode(nozzle, w, zeta, step, (0.0, w * w * channel, w * w * (1 - channel)))[::track.sub]
+    return shift
 
 
 @kernel

@@ -10,7 +10,7 @@ import numpy as np
 from sim.sections import Offsets
 
 from . import filter as ekf
-from .believed import mode
+from .believed import bending, mode
 from .model import CURVES, Model, Number
 
 TOLERANCE_SIGMAS = 2.5  # of a declared tolerance, within which a number is nobody's fault
@@ -120,7 +120,7 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
 
 
 class Column(NamedTuple):
-    """What a unit amplitude does: a moment (n,) [rad/s^2], a command (n,) [rad], a shift (n, 3) of the measurements;
+    """What a unit amplitude does: a moment (n,) [rad/s^2], a command (n, 1 or steps of a row) [rad], a shift (n, 3) of the measurements;
     None: nothing."""
 
     force: np.ndarray | None = None
@@ -242,11 +242,7 @@ def _slosh(m: Model, frequency: float, damping: float) -> list[Column]:
 
 
 def _bending(m: Model, frequency: float, damping: float) -> list[Column]:
-    b, w = m.motion[:, 2], frequency
-    shift = np.zeros((m.n, 3))
-    shift[:, 0] = mode(b, w, damping, m.track.period, (0.0, 0.0, w * w))
-    shift[:, 1] = mode(b, w, damping, m.track.period, (0.0, w * w, 0.0))
-    return [Column(shift=shift)]
+    return [Column(shift=bending(m.nozzle, frequency, damping, m.track))]
 
 
 def _drift(m: Model) -> list[Column]:
@@ -258,7 +254,7 @@ def _limited(m: Model, rate: float) -> list[Column]:
     u = m.base_input.ravel()
     out = np.empty(len(u))
     ekf.nozzle_input(u, m.widths, m.base_constants, 0.0, 0.0, rate, out)
-    return [Column(command=(out - u).reshape(m.n, -1).mean(axis=1))]
+    return [Column(command=(out - u).reshape(m.n, -1))]
 
 
 def _played(m: Model, width: float) -> list[Column]:
@@ -266,7 +262,7 @@ def _played(m: Model, width: float) -> list[Column]:
     def get(name: str, missing: float = 0.0) -> float:
         return m.given.get(name, missing) + width * (name == "play")
 
-    return [Column(command=(m.input_of(get, m.base_constants) - m.base_input).mean(axis=1))]
+    return [Column(command=m.input_of(get, m.base_constants) - m.base_input)]
 
 
 def _beat(m: Model, frequency: float) -> list[Column]:
@@ -386,11 +382,11 @@ CANDIDATE_KINDS = (
     Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, _limited, _commanded, _rates,
          bounds=((1e-3, 1e-3, 50.0),), place="actuator"),
     # in no list: what they explain is not named
-    Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.mean_input * np.abs(m.mean_input))], _commanded,
+    Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.last_input * np.abs(m.last_input))], _commanded,
          place="actuator"),
-    Kind("servo_asymmetry", "", ("size",), 1, lambda m: [Column(command=m.mean_input**2)], _commanded,
+    Kind("servo_asymmetry", "", ("size",), 1, lambda m: [Column(command=m.last_input**2)], _commanded,
          place="actuator"),
-    Kind("servo_friction", "", ("size", "soft"), 1, lambda m, soft: [Column(command=-np.tanh(m.nozzle_rate / soft))],
+    Kind("servo_friction", "", ("size", "soft"), 1, lambda m, soft: [Column(command=-np.tanh(m.nozzle_rate[:, None] / soft))],
          _commanded, lambda m: [(0.005,), (0.02,)], bounds=((1e-3, 1e-3, 1.0),), place="actuator"),
     Kind("attitude_curve", "", ("size",), 1, lambda m: _shift(m, 0, m.motion[:, 0]**3), _both,
          prior=lambda m: 0.3 / m.scales.theta**2, place="sensor"),

@@ -280,6 +280,22 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
 
 
 @kernel
+def nozzle_path(X, u, c, h):
+    """The nozzle (n sub,) at the beginning of each step h of commands u (n, sub), from the filtered X (n, 6) of every
+    row."""
+    n, sub = u.shape
+    s, out = np.zeros(9), np.empty(n * sub)
+    servo_of(c, h, s)
+    for k in range(n):
+        b, v = X[k, B], X[k, V]
+        for j in range(sub):
+            out[k * sub + j] = b
+            off = b - u[k, j]
+            b, v = u[k, j] + s[0] * off + s[1] * v, s[2] * off + s[3] * v
+    return out
+
+
+@kernel
 def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
     """The change E (n, 3) of the innovations that a small forcing makes: force (n,) [rad/s^2] and command (n,)
     [rad] over each row, shift (n, 3) of the measurements.  Linear, about the last filter's path."""

@@ -72,6 +72,7 @@ class Model:
 
     numbers  the table, grown by `with_shapes`;  shapes  the candidates beyond the usual numbers that are fitted
     motion   (n, 3) attitude, rate, nozzle by the filter: what forced columns are made of
+    nozzle   (n sub,) at the beginning of every step of the filter, for a mode may swing faster than rows show
     nozzle_rate  (n,) over each row as predicted at its beginning: what is measured at its end knows the row's noise
     """
 
@@ -103,15 +104,15 @@ class Model:
         self.columns: dict[tuple[object, ...], Any] = {}     # of shapes, kept
         self.shapes: list = []
         self.numbers: list[Number] = []
-        self.motion = np.column_stack([filled(self.z[:, 0]), filled(self.z[:, 1]), np.interp(
-            track.t[:-1], track.ticks[:-1], track.commands)])
+        self.nozzle = np.interp(track.edges[:-1], track.ticks[:-1], track.commands)
+        self.motion = np.column_stack([filled(self.z[:, 0]), filled(self.z[:, 1]), self.nozzle[::track.sub]])
         self.flat = np.zeros(0, np.int64)
         self._know()
 
     def _know(self) -> None:
         """The forcing that the nominal's own effects are, of the motion as it is known by now."""
         rest = {name: value for name, value in self.terms.items() if name not in CURVES and name not in LINEAR_TERMS}
-        self.force, self.air, self.shift = forcing(self.known, self.track, rest, self.motion)
+        self.force, self.air, self.shift = forcing(self.known, self.track, rest, self.motion, self.nozzle)
 
     # ---- what the nominal says of noise
 
@@ -289,7 +290,7 @@ class Model:
         if shift is not None:
             z = z - shift
         u = self.input_of(get, c)
-        return z, u if command is None else u + command[:, None], rows, c
+        return z, u if command is None else u + command, rows, c
 
     def P0(self) -> np.ndarray:
         s, lv = self.scales, np.exp(self.levels)
@@ -348,5 +349,6 @@ class Model:
         self.motion = np.column_stack([self.X[:, 0], self.X[:, 1], self.X[:, 4]])
         predicted = self.X[1:, ekf.B] - np.sum(self.K[1:, :, ekf.B] * self.E[1:], axis=1)
         self.nozzle_rate = np.append((predicted - self.X[:-1, ekf.B]) / self.dt[:-1], 0.0)
+        self.nozzle = ekf.nozzle_path(self.X, self.last_input, self.last[2], self.track.period / self.track.sub)
         self.columns.clear()
         self._know()

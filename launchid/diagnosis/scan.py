@@ -45,7 +45,7 @@ class Scanner:
         """The responses (columns, r) of unit amplitudes."""
         m = self.m
         none, still = np.zeros(m.n), np.zeros((m.n, 3))
-        return np.array([m.respond(none if force is None else force, none if command is None else command,
+        return np.array([m.respond(none if force is None else force, none if command is None else command.mean(axis=1),
                                    still if shift is None else shift)
                          for force, command, shift in kind.make(m, *values)])
 
