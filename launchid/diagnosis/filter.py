@@ -379,7 +379,7 @@ def played(u, width, noise, out):
 def nozzle_input(u, h, c, lag, washout, rate, out):
     """What acts in the place of the command u (m,), means over steps h (m,): behind a first-order lag, and less its
     low-pass of time 1/washout; of a servo that moves no faster than `rate`, the input at which the linear servo moves
-    alike.  out (m,)."""
+    alike, by the trapezoidal rule, which gives u back where nothing is limited.  out (m,)."""
     low, y = 0.0, u[0]
     b, v = u[0], 0.0
     w, z = c[W], c[ZETA]
@@ -400,15 +400,17 @@ def nozzle_input(u, h, c, lag, washout, rate, out):
             g, total = h[i] / m, 0.0
             for _ in range(m):
                 if c[SERVO_ORDER_PLACE] == FIRST_ORDER_SERVO:
-                    nv = min(max(w * (x - b), -rate), rate)
-                    total += b + nv / w
-                    b += g * nv
+                    mid = min(max(w * (x - b) / (1.0 + 0.5 * g * w), -rate), rate)
+                    total += mid / w
                 else:
-                    nv = v + g * (w * w * (x - b) - 2.0 * z * w * v)
+                    drag = g * w * (0.25 * g * w + z)
+                    nv = (v * (1.0 - drag) + g * w * w * (x - b)) / (1.0 + drag)
                     nv = min(max(nv, -rate), rate)
-                    total += b + 2.0 * z / w * 0.5 * (nv + v) + (nv - v) / g / (w * w)
-                    b += g * nv
+                    mid = 0.5 * (nv + v)
+                    total += 2.0 * z / w * mid + (nv - v) / g / (w * w)
                     v = nv
+                total += b + 0.5 * g * mid
+                b += g * mid
             x = total / m
         out[i] = x
 
