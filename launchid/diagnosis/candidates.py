@@ -16,6 +16,7 @@ from .model import CURVES, Model, Number
 TOLERANCE_SIGMAS = 2.5  # of a declared tolerance, within which a number is nobody's fault
 SWING = 0.3            # rad rms, from which a body that bends from the line is a pendulum
 CYCLES = 10.0          # of a line in a log, fewer are a drift
+FASTEST_CLIMB = 9.0    # rad/s, from the middle of a log to its end, of a tone that climbs
 LARGEST_SHIFT = 2.0    # of a6, k1 and scales over their nominal value: one sigma of what is believed before a log
 TIMES = 0.1            # s, one sigma of a delay or lag that nobody declared
 LARGEST_DELAY = 1.0    # s, the largest
@@ -296,22 +297,28 @@ def _windows(m: Model) -> list[tuple[float, ...]]:
     return [(float(x), d) for d in (0.8, 1.6) for x in np.arange(first, last - d, 0.5 * d)]
 
 
-def lines_in(m: Model, e: np.ndarray, channel: int) -> list[tuple[float, ...]]:
-    """Frequencies (peaks of the periodogram of the whitened innovations e (r,) of a channel) of at least CYCLES."""
+def lines_in(m: Model, e: np.ndarray, channel: int, climbs: bool = False) -> list[tuple[float, ...]]:
+    """Frequencies, of at least CYCLES, where the periodogram of the whitened innovations e (r,) of a channel peaks; with
+    the climb [rad/s^2] that makes the highest peaks, of frequencies that climb or fall through less than themselves."""
     x = np.zeros(m.n)
     mine = m.channel == channel
     x[m.rows[mine]] = e[mine]
-    size = 1 << (2 * m.n - 1).bit_length()
-    power = np.abs(np.fft.rfft(x * np.hanning(m.n), size))**2
+    x *= np.hanning(m.n)
+    size, half = 1 << (2 * m.n - 1).bit_length(), 0.5 * float(m.t[-1] - m.t[0])
     w = 2.0 * np.pi * np.fft.rfftfreq(size, m.track.period)
-    power[w < 2.0 * np.pi * CYCLES / (m.t[-1] - m.t[0])] = 0.0
-    power[w > 0.8 * np.pi / m.track.period] = 0.0
-    out: list[tuple[float, ...]] = []
-    for _ in range(3):
-        i = int(np.argmax(power))
-        out += [(float(w[i]),)] if power[i] > 0.0 else []
-        power[max(0, i - 12):i + 13] = 0.0
-    return out
+    most, apart = FASTEST_CLIMB / half, 2.0 * math.pi / half**2     # a turn of phase from the middle to either end
+    rates = np.arange(-most, most, apart) if climbs else (0.0,)
+    found: list[tuple[float, float, float]] = []
+    for climb in rates:
+        turned = np.fft.fft(x * np.exp(-0.5j * climb * _middles(m)**2), size)[:len(w)] if climbs else np.fft.rfft(x, size)
+        power = np.abs(turned)**2
+        power[w < np.maximum(math.pi * CYCLES / half, abs(climb) * half)] = 0.0
+        power[w > 0.8 * np.pi / m.track.period] = 0.0
+        for _ in range(1 if climbs else 3):
+            i = int(np.argmax(power))
+            found += [(float(power[i]), float(w[i]), float(climb))] if power[i] > 0.0 else []
+            power[max(0, i - 12):i + 13] = 0.0
+    return [each[1:3 if climbs else 2] for each in sorted(found, reverse=True)[:3]]
 
 
 def _rates(m: Model) -> list[tuple[float, ...]]:
@@ -321,11 +328,6 @@ def _rates(m: Model) -> list[tuple[float, ...]]:
 
 def _lines_below(m: Model) -> list[tuple[float, ...]]:
     return [(float(w),) for w in np.linspace(0.6, 4.0, 40)] if _is_long(m) else []
-
-
-def _chirps(m: Model) -> list[tuple[float, ...]]:
-    span = float(m.t[-1] - m.t[0])
-    return [(w, k) for w in np.linspace(2.0, 9.0, 12) for k in np.linspace(0.3, 1.8, 6) * 2.0 * w / span]
 
 
 # ---- which logs can have them
@@ -413,7 +415,7 @@ CANDIDATE_KINDS = (
     Kind("thrust_flutter", "", TONE, 2, lambda m, frequency: _tone(m, m.k1 * m.motion[:, 2], frequency * _middles(m)),
          _input_moves, _lines_below, bounds=((1e-3, 0.1, 30.0),)),
     Kind("chirp", "", (*TONE, "climb"), 2, lambda m, frequency, climb: _tone(
-             m, 1.0, frequency * _middles(m) + 0.5 * climb * _middles(m)**2), _is_long, _chirps, _acceleration,
+             m, 1.0, frequency * _middles(m) + 0.5 * climb * _middles(m)**2), _is_long, lambda m: [], _acceleration,
          ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), "environment"),
     Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, _beat, _is_long, lambda m: [], _acceleration,
          ((1e-3, 0.05, 300.0),), "environment"),
@@ -421,4 +423,4 @@ CANDIDATE_KINDS = (
     Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, lambda m: [Column(x) for x in _hats(m, 10)[:, 1:].T],
          prior=_acceleration, place="environment"),
 )
-LINES = ("periodic_disturbance", "beat")   # whose frequencies the periodogram proposes
+LINES = ("periodic_disturbance", "beat", "chirp")   # whose frequencies the periodogram proposes
