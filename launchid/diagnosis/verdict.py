@@ -469,7 +469,8 @@ def place_of(m: Model, name: str) -> str:
     return next((s.kind.place for s in m.shapes if s.names[0].startswith(name + ".")), "plant")
 
 
-EQUAL_CAUSES = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias")}
+EQUAL_CAUSES = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias"),
+                "wind": ("attitude_bias",)}
 
 
 def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | None) -> str:

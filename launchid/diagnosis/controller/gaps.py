@@ -34,6 +34,7 @@ ATTITUDE_NOISE = 4.0   # times what the attitude's noise between rows makes: mor
 EXPLAINS = 2.0         # times it, that other numbers may leave: true ones leave 0.95 to 1.2, an integral part 2.9
 FREE_NUMBER = 4.0      # nats that a further free number must bring
 MISMATCH_NATS = 30.0   # nats that a mismatch must gain; and gains and filter together over either
+INTEGRAL = 2           # place of its gain, after kp and kd
 GAINS: tuple[tuple[int, ...], ...] = ((0,), (1,), (0, 1))  # which may be free
 MOST_COMPUTING_ROWS = 1  # rows of computing time tried beside the nominal's
 MEANS = (8, 32)        # rows, of innovations: over longer times they would take the gains' part too
@@ -170,24 +171,26 @@ class Gaps:
         self.noise = max(noise_std(record), COMMAND_ROUNDING)
 
     def relation(self, tau: float) -> tuple[np.ndarray, np.ndarray]:
-        """(left-hand side (gaps,) [rad], right-hand side (gaps, 2) at the nominal's gains) with this filter [s]."""
+        """(left-hand side (gaps,) [rad], right-hand side (gaps, 3) at the nominal's gains, and of an integral [1/s] of
+        it) with this filter [s]."""
         m, e, n, period = self.ticks, self.error, len(self.command), self.own.period
         alpha = tau / (tau + period)
         steps = sum(alpha**(m - j) * (e[j:(n - 1) * m + j:m] - e[j - 1:(n - 1) * m + j - 1:m])
                     for j in range(1, m + 1)) / (tau + period)
         proportional = e[m::m] - alpha**m * e[:-m:m]
-        wanted = self.command[1:] - alpha**m * self.command[:-1]
-        return wanted[self.fair], np.column_stack([self.own.kp * proportional, self.own.kd * steps])[self.fair]
+        wanted, total = self.command[1:] - alpha**m * self.command[:-1], self.own.kp * period * np.cumsum(e)
+        design = [self.own.kp * proportional, self.own.kd * steps, total[m::m] - alpha**m * total[:-m:m]]
+        return wanted[self.fair], np.column_stack(design)[self.fair]
 
     def left(self, tau: float, free: tuple[int, ...]) -> "Left":
-        """The rest with this filter [s], and the nominal's gains but for the free ones (0: kp, 1: kd)."""
+        """The rest with this filter [s], and the nominal's gains but for the free ones (0: kp, 1: kd, 2: integral)."""
         wanted, design = self.relation(tau)
         fixed = [k for k in range(2) if k not in free]
         wanted = wanted - design[:, fixed].sum(axis=1)
         among = np.column_stack([design[:, list(free)], self.surprise])
         values = least_squares(among, wanted)
         rest = wanted - combined(among, values)
-        gains, std = np.ones(2), np.zeros(2)
+        gains, std = np.ones(3), np.zeros(3)
         gains[list(free)] = values[:len(free)]
         spread = np.sqrt(np.mean(rest**2) * np.diag(np.linalg.pinv(products(among, among))))
         std[list(free)] = spread[:len(free)]
@@ -221,6 +224,8 @@ class Gaps:
                                 best.tau if other else None, best.over(believed))
         if self.late == 0 and found.evidence < MISMATCH_NATS and self.is_noise(believed.rest):
             return ControllerCheck(NO_MISMATCH, believed.rms, believed.rms)
+        if self.left(best.tau, (0, 1, INTEGRAL)).over(best) > MISMATCH_NATS:   # a law that the nominal has not
+            return replace(found, kind=UNKNOWN_LAW)
         at_an_end = min(abs(best.tau / (self.own.tau * end) - 1.0) for end in NEAR_FILTERS[[0, -1]]) < SAME_PREDICTED
         return found.of_kind(SAME_PREDICTED, self.own.period) if self.is_noise(best.rest, EXPLAINS) and not at_an_end \
             else replace(found, kind=UNKNOWN_LAW)
