@@ -10,6 +10,8 @@ import numpy as np
 
 from ...controller_replay import KD, KI, KP, Explanation, Replay, constants_of, lowest, replayed, rms
 from ..data.record import Z_THETA, Z_THETA_DOT, Record
+from .command import recomputed_at
+from .ticks import Ticks, command_noise, over_grid
 
 GAIN, LATE_COMMAND, OTHER_FILTER, UNKNOWN_LAW, NO_MISMATCH = "gain", "delay", "filter", "unknown", "none"
 COMMAND_ROUNDING = 2.0e-5  # rad rms: what rounding in a log's digits may make of an exact command
@@ -19,6 +21,7 @@ DIFFERENCE_LEFT = 0.05  # of the rms difference that may be left for a mismatch 
 BETTER = 0.5            # of what gains and delay leave: another filter must leave less
 ALL_FILTERS = np.geomspace(0.05, 20.0, 60)  # of the derivative's time constant
 WHOLE_LAGS = (0.0, 1.0, 2.0, 3.0)  # periods of computing time tried with each
+LEAST_OF_LAW = 0.5      # of the square of commands between ticks, that the law must make of the attitudes
 COMMENSURATE = 1e-6     # relative, of the controller's period to the log's grid
 
 
@@ -75,8 +78,10 @@ class ControllerCheck:
 
 def check_controller(record: Record) -> ControllerCheck | None:
     """The check of the log's controller; None where it is not possible: no command, no reference, or no controller, or
-    rows that are not at its periods."""
+    rows that are slower than it."""
     own = record.law if record.law is not None else record.nominal.controller
+    if record.fine > 1 and record.law is None:
+        return _check_between(record)
     if own is None or record.input != "beta_cmd" or record.fine > 1 or record.every != record.tick \
             or abs(record.held * record.period / own.period - 1.0) > COMMENSURATE:
         return None
@@ -101,6 +106,18 @@ def check_controller(record: Record) -> ControllerCheck | None:
         if with_filter.after < BETTER * best.after:
             best, tau = with_filter, other
     return _judged(made, best, tau, before, int(ticks.sum()))
+
+
+def _check_between(record: Record) -> ControllerCheck | None:
+    """The check of a log whose rows fall between the controller's ticks, so that its commands are known to noise: they
+    are another law's where the nominal's makes less than half of them from the attitudes.  None: they are not."""
+    own, theta = record.nominal.controller, record.z[:, Z_THETA]
+    if own is None or record.input != "beta_cmd" or not np.isfinite(theta - record.reference).any():
+        return None
+    ticks = Ticks(0.0, own.period / record.step, 0.0)
+    off = rms(over_grid(ticks, record, recomputed_at(ticks, record)) - record.commands)
+    most = math.hypot(LEAST_OF_LAW**0.5 * float(np.std(record.commands)), 2.0 * command_noise(record))
+    return ControllerCheck(UNKNOWN_LAW, off, off) if off > most else None
 
 
 def _judged(made: Replay, best: Explanation, tau: float | None, before: float, count: int) -> ControllerCheck:

@@ -140,7 +140,7 @@ def _answered(draft: Record) -> Record:
     own = ticks_of(draft, none)
     if own is None:
         return replace(draft, commands=_recomputed(draft), input="controller")
-    commands = _recomputed_at(own, draft)
+    commands = recomputed_at(own, draft)
     draft = in_doubt(between(draft, own), command_noise(draft), len(commands) / draft.rows - (draft.fine == 1))
     return replace(draft, commands=over_grid(own, draft, commands), input="controller")
 
@@ -196,7 +196,7 @@ def _recomputed(r: Record) -> np.ndarray:
     return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:r.rows]
 
 
-def _recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
+def recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
     """The same (ticks,) [rad] of a log that did not see every tick, between rows of the attitude that lines carry."""
     count = len(issued_at(ticks, r, np.full(r.rows, math.nan)))
     at, seen = ticks.phase + ticks.period * np.arange(count), np.isfinite(r.z[:, Z_THETA])
