@@ -56,7 +56,7 @@ from sim.errors import InputError, UsageError
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 
-DECIDES = ("launchid_core", "sim", "launchid", "tests/hidden", "tests/foreign", "tests/public")  # folders that decide an answer
+DECIDES = ("launchid_core", "sim", "launchid", "tests/hidden", "tests/foreign", "tests/public")  # decide an answer
 AND_FILES = ("tests/public_flights.py", "benchmarks/diagnosis_sources.py")
 OUTCOMES = ("right", "wrong", "refused")
 JUDGED = "judge"   # the part that is run on demand alone

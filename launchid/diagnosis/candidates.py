@@ -121,8 +121,8 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
 
 
 class Column(NamedTuple):
-    """What a unit amplitude does: a moment (n,) [rad/s^2], a command (n, 1 or steps of a row) [rad], a shift (n, 3) of the measurements;
-    None: nothing."""
+    """What a unit amplitude does: a moment (n,) [rad/s^2], a command (n, 1) or (n, sub) [rad], a shift (n, 3) of the
+    measurements; None: nothing."""
 
     force: np.ndarray | None = None
     command: np.ndarray | None = None
@@ -298,8 +298,8 @@ def _windows(m: Model) -> list[tuple[float, ...]]:
 
 
 def lines_in(m: Model, e: np.ndarray, channel: int, climbs: bool = False) -> list[tuple[float, ...]]:
-    """Frequencies, of at least CYCLES, where the periodogram of the whitened innovations e (r,) of a channel peaks; with
-    the climb [rad/s^2] that makes the highest peaks, of frequencies that climb or fall through less than themselves."""
+    """Frequencies, of at least CYCLES, where the periodogram of a channel's whitened innovations e (r,) peaks; with the
+    climbs [rad/s^2] that make the highest peaks, each of a frequency that is not 0 on the way."""
     x = np.zeros(m.n)
     mine = m.channel == channel
     x[m.rows[mine]] = e[mine]
@@ -307,11 +307,10 @@ def lines_in(m: Model, e: np.ndarray, channel: int, climbs: bool = False) -> lis
     size, half = 1 << (2 * m.n - 1).bit_length(), 0.5 * float(m.t[-1] - m.t[0])
     w = 2.0 * np.pi * np.fft.rfftfreq(size, m.track.period)
     most, apart = FASTEST_CLIMB / half, 2.0 * math.pi / half**2     # a turn of phase from the middle to either end
-    rates = np.arange(-most, most, apart) if climbs else (0.0,)
     found: list[tuple[float, float, float]] = []
-    for climb in rates:
-        turned = np.fft.fft(x * np.exp(-0.5j * climb * _middles(m)**2), size)[:len(w)] if climbs else np.fft.rfft(x, size)
-        power = np.abs(turned)**2
+    for climb in np.arange(-most, most, apart) if climbs else (0.0,):
+        turned = x * np.exp(-0.5j * climb * _middles(m)**2) if climbs else x
+        power = np.abs(np.fft.fft(turned, size)[:len(w)])**2
         power[w < np.maximum(math.pi * CYCLES / half, abs(climb) * half)] = 0.0
         power[w > 0.8 * np.pi / m.track.period] = 0.0
         for _ in range(1 if climbs else 3):

@@ -189,7 +189,12 @@ class Search:
         fit, live, best, e_end = self.take_away(full, e_nominal, e_full)
         m.white(fit.p)
         fit = fit._replace(J=slopes(m, fit.p, fit.free))
-        kept, fit, e_end = self.judged(fit, live, e_nominal, best, e_end)
+        kept, fit, e_end, live = self.judged(fit, live, e_nominal, best, e_end)
+        while kept and (gone := [g for g in live if all(g is not k.group for k in kept)]):   # they hide what is needed
+            fit = self.without(fit, gone, 3)
+            e_end = left_out(m, fit)
+            fit = fit._replace(J=slopes(m, fit.p, fit.free))
+            kept, fit, e_end, live = self.judged(fit, [k.group for k in kept], e_nominal, best, e_end)
         if not kept:
             fit, e_end = nominal, e_nominal
         m.white(fit.p)
@@ -251,7 +256,7 @@ class Search:
         return fit, live, best, e_end
 
     def judged(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray,
-               e_end: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray]:
+               e_end: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray, list[Group]]:
         """What each that is left is worth, last in, and who could stand for it; who stands better takes its place."""
         m = self.m
         for turn in range(3):
@@ -288,7 +293,7 @@ class Search:
         gain, error = compare(m, e_nominal, e_end, self.unit)
         if gain < MIN_SQUARES_SAVED or (gain < error and not any(k.group.is_event for k in kept)):
             kept = []
-        return tuple(kept), fit, e_end
+        return tuple(kept), fit, e_end, live
 
     def with_other(self, rest: Fit, other: Group) -> Fit:
         """The fit with another group in the place of one that is out."""
