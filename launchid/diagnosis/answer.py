@@ -98,8 +98,7 @@ def report(result: Result) -> dict[str, Any]:
 
 def _limits(result: Result) -> dict[str, Any]:
     """The size of each cause of one number that this log would have shown beside all others: what saves
-    MIN_SQUARES_SAVED squares
-    and is Z standard errors; null where the log tells nothing of it."""
+    MIN_SQUARES_SAVED squares and is Z standard errors; null where the log tells nothing of it."""
     m, el = result.model, result.elimination
     found: dict[str, Any] = {}
     if m is None or el is None:

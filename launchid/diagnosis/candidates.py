@@ -242,14 +242,6 @@ def _slosh(m: Model, frequency: float, damping: float) -> list[Column]:
     return [Column(frequency**2 * np.append(0.5 * (psi[1:] + psi[:-1]), psi[-1]))]
 
 
-def _bending(m: Model, frequency: float, damping: float) -> list[Column]:
-    return [Column(shift=bending(m.nozzle, frequency, damping, m.track))]
-
-
-def _drift(m: Model) -> list[Column]:
-    return [Column(-m.a6 * np.append(0.0, np.cumsum(x[:-1] * m.dt[:-1]))) for x in (m.motion[:, 0], m.motion[:, 2])]
-
-
 def _limited(m: Model, rate: float) -> list[Column]:
     """What a rate limit makes of the command, less the command."""
     u = m.base_input.ravel()
@@ -372,10 +364,12 @@ CANDIDATE_KINDS = (
     Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh,
          lambda m: m.has["theta"] and m.is_flown, lambda m: _modes(m, SLOSH),
          bounds=((2e-3, 0.2, 25.0), (1e-3, *DAMPING_RANGE))),
-    Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1, _bending,
+    Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1,
+         lambda m, frequency, damping: [Column(shift=bending(m.nozzle, frequency, damping, m.track))],
          lambda m: m.is_flown and _commanded(m), lambda m: _modes(m, BENDING), lambda m: 0.1,
          ((2e-2, *BENDING), (1e-3, *DAMPING_RANGE))),
-    Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2, _drift,
+    Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2,
+         lambda m: [Column(-m.a6 * np.append(0.0, np.cumsum(x[:-1] * m.dt[:-1]))) for x in m.motion[:, [0, 2]].T],
          lambda m: m.has["theta"] and _unstable(m) and not m.track.record.path.size, prior=lambda m: 0.1),
     Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1,
          _played, _commanded, lambda m: [(x,) for x in PLAYS],
@@ -383,8 +377,8 @@ CANDIDATE_KINDS = (
     Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, _limited, _commanded, _rates,
          bounds=((1e-3, 1e-3, 50.0),), place="actuator"),
     # in no list: what they explain is not named
-    Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.last_input * np.abs(m.last_input))], _commanded,
-         place="actuator"),
+    Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.last_input * np.abs(m.last_input))],
+         _commanded, place="actuator"),
     Kind("servo_asymmetry", "", ("size",), 1, lambda m: [Column(command=m.last_input**2)], _commanded,
          place="actuator"),
     Kind("servo_friction", "", ("size", "soft"), 1, lambda m, soft: [Column(command=-np.tanh(m.nozzle_rate[:, None] / soft))],

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sim.effects import CATALOGUE
+
 from ..sums import combined, square
 from .estimate import Fit, gauss_newton, inverse, slopes
 from .model import KINEMATIC, Model
@@ -37,11 +39,15 @@ RELATED_CORRELATION = 0.3  # correlation from which another is tried in its plac
 
 @dataclass(frozen=True)
 class Group:
-    """Numbers that come and go together: the first `linear` are sizes, 0 or nominal where the group is out."""
+    """Numbers that come and go together: the first `linear` are sizes, 0 or nominal where the group is out.  kind: a
+    name that others of the sort have too;  cause in the contract's words ("": in no list)."""
 
     name: str
+    kind: str
     numbers: tuple[int, ...]
     linear: int
+    cause: str
+    place: str
     is_event: bool = False
     has_band: bool = False
     is_listed: bool = True
@@ -50,7 +56,7 @@ class Group:
 @dataclass(frozen=True, eq=False)
 class Kept:
     """A group that stayed: what it saves on left-out blocks with its standard error, over what the full model saves;
-    groups that do as well in its place; the fit without it."""
+    causes that do as well in its place; the fit without it."""
 
     group: Group
     gain: float
@@ -84,18 +90,15 @@ class Elimination:
 
 def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
     """Every usual number by itself, every shape's together."""
-    inside = {name: k for k, shape in enumerate(m.shapes) for name in shape.names}
-    out = [Group(each.name, (j,), 1, has_band=each.tol > 0.0) for j, each in enumerate(m.numbers)
-           if each.name not in inside and j not in notes]
+    inside = {name for shape in m.shapes for name in shape.names}
+    out = [Group(each.name, each.name, (j,), 1, each.cause, CATALOGUE[each.cause].where if each.cause else "plant",
+                 has_band=each.tol > 0.0)
+           for j, each in enumerate(m.numbers) if each.name not in inside and j not in notes]
     for shape in m.shapes:
-        numbers = tuple(m.index(name) for name in shape.names)
-        out.append(Group(shape.names[0].partition(".")[0], numbers, shape.kind.linear,
-                         is_event=shape.kind.once, is_listed=bool(shape.kind.cause)))
+        kind, numbers = shape.kind, tuple(m.index(name) for name in shape.names)
+        out.append(Group(shape.names[0].partition(".")[0], kind.name, numbers, kind.linear, kind.cause, kind.place,
+                         is_event=kind.once, is_listed=bool(kind.cause)))
     return out
-
-
-def is_rare(group: Group) -> bool:
-    return group.name.partition("#")[0] in RARE
 
 
 class Search:
@@ -233,7 +236,7 @@ class Search:
         while live:
             C = inverse(m, fit)
             costs = {g.name: self.cost(fit, C, [g]) for g in live}
-            order = sorted(live, key=lambda g: costs[g.name] * (EARLIER if is_rare(g) else 1.0))
+            order = sorted(live, key=lambda g: costs[g.name] * (EARLIER if g.kind in RARE else 1.0))
             tries = [[g] for g in order[:TRIES]]
             if is_first:      # all at once that cost nothing
                 most = 0
@@ -275,12 +278,12 @@ class Search:
                     again = self.with_other(rest, other)
                     ei = left_out(m, again)
                     gi, si = compare(m, ei, e_end, self.unit)
-                    is_common = is_rare(g) and not is_rare(other) and not other.is_event and gi < ALIKE_Z * si
+                    is_common = g.kind in RARE and other.kind not in RARE and not other.is_event and gi < ALIKE_Z * si
                     is_common |= not g.is_listed and other.is_listed and gi < max(ALIKE_Z * si, RIVAL_MARGIN * gain)
                     if (gi < -si or is_common) and swap is None and other.name not in SHAPES_OF_NUMBERS:
                         swap = (again, [each for each in live if each is not g] + [other], ei)
                     if gi < (TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z) * si or gi < RIVAL_MARGIN * gain:
-                        alike.append(other.name)
+                        alike.append(other.cause)
                 kept.append(Kept(g, gain, error, gain / removable, tuple(alike), rest.p, std))
             if swap is None or turn == 2:
                 break

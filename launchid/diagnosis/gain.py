@@ -7,7 +7,7 @@ import numpy as np
 
 from .estimate import Fit
 from .model import FOLD_PASSES, MODEL_FOLDS, Model
-from .score import fold_fits
+from .score import folds
 
 HORIZON_SHARES = (0.1, 0.3, 1.0)  # of the longest horizon
 GAIN_HORIZON = 1.0     # s
@@ -54,8 +54,9 @@ def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray, is_an
     """(starts, spans, 3) errors ahead, every start under the numbers that its fold was not used for; of another log,
     under the fit's."""
     out = np.full((len(starts), len(spans), 3), np.nan)
+    m.white(fit.p)
     fold = starts * (MODEL_FOLDS * FOLD_PASSES) // m.n % MODEL_FOLDS
-    for f, p in enumerate([fit.p] if is_another else fold_fits(m, fit)):
+    for f, p in enumerate([fit.p] if is_another else folds(m, fit)[1]):
         mine = np.arange(len(starts)) if is_another else np.flatnonzero(fold == f)
         m.run(p)
         out[mine] = m.ahead(starts[mine], spans)[0]

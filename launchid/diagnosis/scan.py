@@ -68,13 +68,14 @@ class Scanner:
             return None
         starts = kind.starts(m)
         if kind.name in LINES:
-            starts = [x for ch in (1, 0) if np.any(m.channel == ch) for x in lines_in(m, self.e, ch, kind.name == "chirp")]
+            climbs = kind.name == "chirp"
+            starts = [x for ch in (1, 0) if np.any(m.channel == ch) for x in lines_in(m, self.e, ch, climbs)]
         found = [self.tried(kind, values) for values in starts]
         best = max(found, key=lambda each: each.saves, default=None)
         if best is None or not starts[0]:
             return best
         span, n = float(m.t[-1] - m.t[0]), kind.linear
-        reach = {"time": 0.01 * span, "frequency": 2.0 / span, "climb": 8.0 / span**2} if n > 1 else {"time": 0.01 * span}
+        reach = {"time": 0.01 * span} | ({"frequency": 2.0 / span, "climb": 8.0 / span**2} if n > 1 else {})
         shares = {"frequency": 0.12, "damping_ratio": 0.5}
         for scale in (0.5, 0.2, 0.08):       # of the distance to its neighbours
             for i, (name, (_, low, high)) in enumerate(zip(kind.parameters[n:], kind.bounds, strict=True)):

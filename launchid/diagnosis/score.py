@@ -19,16 +19,10 @@ def _once(m: Model) -> set[int]:
 def left_out(m: Model, fit: Fit) -> np.ndarray:
     """Errors (r,) of the rows of each fold under the numbers fitted to the other folds (Stone 1974; blocks: Burman et
     al. 1994).  The last filter's gains hold, which must be the fit's."""
-    return _folds(m, fit)[0]
+    return folds(m, fit)[0]
 
 
-def fold_fits(m: Model, fit: Fit) -> list[np.ndarray]:
-    """The numbers fitted without each fold; runs the filter at the fit."""
-    m.white(fit.p)
-    return _folds(m, fit)[1]
-
-
-def _folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
+def folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
     """(left-out errors, numbers of each fold): from the fit to all, steps with its slopes, errors computed anew.
 
     The gradient left at the fit to all is nobody's; a fold that runs away is taken linearly.  What happens once cannot

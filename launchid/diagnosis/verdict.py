@@ -315,7 +315,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     inadequate, misfit = adequacy(m, el.final)
     controller = reading.controller
     others = {k.group.name: why for k in el.kept if (why := other_shape(m, el, k))}
-    listed = [k for k in el.kept if cause_of(m, k.group.name) and k.group.name not in others]
+    listed = [k for k in el.kept if k.group.cause and k.group.name not in others]
     unlisted = [k for k in el.kept if k not in listed]
     notes = tuple(noted(m, el))
     words = []
@@ -323,15 +323,15 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
         if why := no_cause(m, el, k, controller):
             listed.remove(k)
             words.append(why)
-    of_input = [k for k in listed if k.group.name.partition("#")[0] in INPUT_NUMBERS]
+    of_input = [k for k in listed if k.group.kind in INPUT_NUMBERS]
     if not m.is_flown and of_input and not acts(m, el):
         listed = [k for k in listed if k not in of_input]
         words.append("the input of another time explains as much as the log's own: nothing is said of it")
     names = [*named_beside(m, el, controller), *(each for k in listed for each in named_of(m, el, k))]
     doubts = [others.get(k.group.name) or
-              f"{k.group.name.partition('#')[0]} explains {0.5 * k.gain:.0f} nats and is no known cause"
+              f"{k.group.kind} explains {0.5 * k.gain:.0f} nats and is no known cause"
               for k in unlisted]
-    where = place_of(m, unlisted[0].group.name) if unlisted else None
+    where = unlisted[0].group.place if unlisted else None
     is_foreign = controller is not None and controller.is_foreign
     if controller is not None and is_foreign:
         doubts.insert(0, f"the command is not the nominal controller's: {controller.words}")
@@ -373,8 +373,8 @@ def other_shape(m: Model, el: Elimination, k: Kept) -> str:
     An attitude that drifts parts the columns as a gyro's bias does, and only the moment of the drift that the vehicle
     feels, which a slow disturbance may be too, tells the two apart.  A disturbance that weather leaves is neither.
     """
-    name = k.group.name.partition("#")[0]
-    if m.weather and name != k.group.name and place_of(m, k.group.name) == "environment":
+    name = k.group.kind
+    if m.weather and name != k.group.name and k.group.place == "environment":
         return f"what {m.weather} leaves of the disturbance is like a {name}: it is neither"
     if name != "gyro_bias" or not m.is_flown:
         return ""
@@ -456,19 +456,6 @@ def acts(m: Model, el: Elimination) -> bool:
     return own > PLACEBO * max(wins)
 
 
-def cause_of(m: Model, name: str) -> str:
-    """The contract's cause of a group; "" for a shape that is in no list."""
-    if "#" in name:
-        return next(s.kind.cause for s in m.shapes if s.names[0].startswith(name + "."))
-    return m.numbers[m.index(name)].cause
-
-
-def place_of(m: Model, name: str) -> str:
-    if name in m.names:
-        return CATALOGUE[cause_of(m, name)].where if cause_of(m, name) else "plant"
-    return next((s.kind.place for s in m.shapes if s.names[0].startswith(name + ".")), "plant")
-
-
 EQUAL_CAUSES = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias"),
                 "wind": ("attitude_bias",)}
 
@@ -480,17 +467,17 @@ def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | N
     estimated; commands between rows that a found controller made tell nothing of the servo; and what another cause
     leaves by not being the same along the log is that cause's.
     """
-    j, name = k.group.numbers[0], k.group.name.partition("#")[0]
+    j, name = k.group.numbers[0], k.group.kind
     number, value = m.numbers[j], el.final.p[j]
     if number.parameter == "scale" and not value > 0.0:
         return f"{name} has the opposite sign: a convention, or a wrong nominal"
     if number.name == k.group.name and (value <= m.low[j] + 1e-9 or value >= m.high[j] - 1e-9):
         return f"{name} would be {value:.3g}, the end of its range, or beyond: something else is wrong"
-    if controller is not None and controller.is_named and m.unsure > 0.0 and place_of(m, k.group.name) == "actuator":
+    if controller is not None and controller.is_named and m.unsure > 0.0 and k.group.place == "actuator":
         return f"{name}: the commands between the rows are another controller's, and tell nothing of the servo"
     largest = max(el.kept, key=lambda each: each.gain)
     if is_rest(m, el, k, largest):
-        return f"{name} may be what {largest.group.name.partition('#')[0]} leaves by not being the same along the log"
+        return f"{name} may be what {largest.group.kind} leaves by not being the same along the log"
     return ""
 
 
@@ -521,7 +508,7 @@ def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None) 
 def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
     """A kept group in the contract's words; a sine in the place of the angle is two terms; and a servo that is later
     and slower is one thing, of a form that is neither: an either-set, and the scale that is as late as both."""
-    cause = cause_of(m, k.group.name)
+    cause = k.group.cause
     values: dict[str, tuple[Any, float | None]] = {}
     for j in k.group.numbers:
         number, value, std = m.numbers[j], float(el.final.p[j]), k.std.get(j)
@@ -561,7 +548,7 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
             at = [el.final.at(j) for j in k.group.numbers]
             C, slope = covariance(m, el.final, el.unit)[np.ix_(at, at)], np.array([width, share])
             values = {"half_width": (share * width, math.sqrt(slope @ C @ slope))}
-    alike = {cause_of(m, other) for other in k.alike} - {""} | set(EQUAL_CAUSES.get(k.group.name, ()))
+    alike = {*k.alike} - {""} | set(EQUAL_CAUSES.get(k.group.name, ()))
     alike |= {"actuator_delay"} if late and k.group.name == "bandwidth" else set()
     if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.is_flown:
         cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}

@@ -44,8 +44,7 @@ def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal, most: int = ROWS_F
     rows = np.flatnonzero(data.usable)
     if nominal.actuator is not None or nominal.controller is not None or len(rows) <= most:
         return data
-    usual = float(np.median(np.diff(t[rows])))
-    every = _every(len(rows), usual, slowest(nominal, nominal.vehicle.at(t[rows])[0]), most)
+    every = _every(len(rows), float(np.median(np.diff(t[rows]))), nominal, t[rows], most)
     kept = np.zeros_like(data.usable)
     kept[rows[::every]] = True
     return replace(data, usable=kept)
@@ -57,12 +56,8 @@ def slowest(nominal: Nominal, a6: np.ndarray) -> float:
     return min(LONGEST_PERIOD, MOTION_STEP / math.sqrt(stiffness)) if stiffness > 0.0 else LONGEST_PERIOD
 
 
-def slowest_of(record: Record) -> float:
-    """The same along a record."""
-    return slowest(record.nominal, record.nominal.vehicle.at(record.t + record.shift)[0])
-
-
-def _every(rows: int, period: float, longest: float, most: int) -> int:
+def _every(rows: int, period: float, nominal: Nominal, t: np.ndarray, most: int) -> int:
+    longest = slowest(nominal, nominal.vehicle.at(t)[0])
     return max(1, min(math.ceil(rows / most), math.floor(longest / period + 1e-9)))
 
 
@@ -70,14 +65,14 @@ def shortened(record: Record, most: int = ROWS_FITTED) -> Record:
     """Cut the record to the most rows that `used` can thin to `most`; further rows would not be used."""
     if record.rows <= most:
         return record
-    longest = most * _every(record.rows, record.period, slowest_of(record), most)
+    longest = most * _every(record.rows, record.period, record.nominal, record.t + record.shift, most)
     return cut(record, longest) if record.rows > longest else record
 
 
 def used(record: Record, t: np.ndarray, most: int = ROWS_FITTED) -> tuple[Record, Used | None]:
     """(The record with at most so many rows, what they are of the log's usable stamps t (n,) [s]); None where that is
     all of them."""
-    every = _every(record.rows, record.period, slowest_of(record), most)
+    every = _every(record.rows, record.period, record.nominal, record.t + record.shift, most)
     made = thinned(record, record.held * max(1, round(every / record.held))) if every > 1 else record
     made = cut(made, most) if made.rows > most else made
     times = round(made.period / float(np.median(np.diff(t))))

@@ -101,7 +101,7 @@ def worth(result: Result) -> Figure | None:
         return None
     figure = Figure(figsize=(9, 1.2 + 0.4 * len(el.kept)), layout="constrained")
     axis = figure.subplots()
-    names = [each.group.name.partition("#")[0] for each in el.kept]
+    names = [each.group.kind for each in el.kept]
     axis.barh(range(len(names)), [0.5 * each.gain for each in el.kept], xerr=[0.5 * each.error for each in el.kept],
               color="#12355b", height=0.6)
     axis.set_yticks(range(len(names)), names)
@@ -110,16 +110,11 @@ def worth(result: Result) -> Figure | None:
     return figure
 
 
-def as_it_is(result: Result) -> Figure | None:
-    """The log's columns, with what the data check doubts, of a log that nothing else is drawn of."""
-    return logs_figure([looked_at(result.reading.raw)]) if result.reading.is_bad else None
-
-
 def drawable(result: Result) -> tuple[str, ...]:
     """The pictures that this diagnosis may have."""
     return ("faults.png",) if result.model is None else tuple(REPORT_FIGURES)
 
 
-REPORT_FIGURES: dict[str, Callable[[Result], Figure | None]] = {"faults.png": as_it_is, "misfit.png": misfit,
-                                                                "innovations.png": innovations,
-                                                                "worth.png": worth}
+REPORT_FIGURES: dict[str, Callable[[Result], Figure | None]] = {
+    "faults.png": lambda result: logs_figure([looked_at(result.reading.raw)]) if result.reading.is_bad else None,
+    "misfit.png": misfit, "innovations.png": innovations, "worth.png": worth}
