@@ -17,13 +17,14 @@ from .controller.check import ControllerCheck
 from .controller.command import record
 from .controller.gaps import Seen
 from .controller.issued import with_commands
-from .data.record import Z_THETA, Record
+from .data.record import Z_THETA, Z_THETA_DOT, Record
 from .data.used import Used, shortened, sparser, used
 
 MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
 FEWEST_ROWS = 40       # without which nothing is fitted: twice as many as there are unknown numbers
 FEWEST_USABLE = 0.5    # of the rows: with fewer left a log is bad data
 ALERT = 30.0           # times the declared acceleration noise, between rows: the plant may be wrong, follow the sensors
+ESCAPED = 1.0e3        # rad beyond where the log has been: a model that diverges so far is not followed further
 FILTER_STEP = 0.0067    # s of the filter between two rows: a tenth of a servo's time
 MOST_COMMANDS = 8       # in a row, each with a step of its own; of more, means
 
@@ -110,7 +111,9 @@ def follow(record: Record) -> Seen | None:
     m.levels[ekf.QA] += math.log(ALERT)
     m.run(m.null)
     attitude, measured = m.X[:, 0].copy(), np.isfinite(record.z[:, Z_THETA])
-    if not np.all(np.abs(attitude) < record.farthest):
+    turned = record.z[:, Z_THETA] if measured.any() else \
+        np.cumsum(np.nan_to_num(record.z[:, Z_THETA_DOT])) * record.period
+    if not np.all(np.abs(attitude) < ESCAPED + np.nanmax(np.abs(turned))):   # no body turns so far, however it spins
         return None
     if np.count_nonzero(measured) > FEWEST_ROWS:   # what a wrong gyro slowly takes the attitude off
         slow = np.vander(np.linspace(-1.0, 1.0, rows), 3)

@@ -1,7 +1,7 @@
 """The one table of what may be wrong: the usual numbers of the model, and the shapes beyond them, listed or not."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -39,7 +39,7 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
     s, d = m.scales, m.track.nominal.diagnosis
     a6, k1 = m.a6, m.k1
     has_input = bool(np.any(k1 != 0.0)) or "beta" in m.terms
-    both, row = m.has["theta"] and m.has["theta_dot"], float(np.median(m.dt))
+    row = float(np.median(m.dt))
     acc, tol = s.acceleration, TOLERANCE_SIGMAS * d.tolerance
     offsets = m.track.nominal.offsets or Offsets()
     span, air = float(m.t[-1] - m.t[0]), m.known
@@ -106,7 +106,7 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
             "nozzle_sensor_bias", "angle")
     if has_input and not m.is_flown:
         add("lag", 0.0, d.timing, TIMES, "actuator_bandwidth", "lag", 0.0, LARGEST_DELAY, 1e-4 + 0.02 * row)
-    if both:
+    if m.has_both:
         add("gyro_bias", 0.0, TOLERANCE_SIGMAS * offsets.gyro_bias, s.omega, "gyro_bias", "rate")
         add("gyro_scale", 1.0, 0.0, 0.5, "gyro_scale", "scale", 0.05, 6.0)
         add("gyro_delay", 0.0, d.timing, 0.05, "gyro_delay", "delay", -2.0 * d.timing if m.is_flown else -0.2, 0.4,
@@ -166,7 +166,7 @@ class Kind:
     cause       in the contract's words, "" for what is in no list
     parameters  names of its numbers, `linear` of them amplitudes
     make        (model, nonlinear values) -> its `Column`s, of unit amplitudes
-    when        whether a log can have it;  starts  the nonlinear values that a scan tries
+    when        what a log must be to have it, of the model's;  starts  the nonlinear values that a scan tries
     prior       one sigma of the amplitudes;  bounds  (step, low, high) of each nonlinear number
     effective   it scales the input's effect;  once  it happens once
     """
@@ -176,13 +176,16 @@ class Kind:
     parameters: tuple[str, ...]
     linear: int
     make: Callable[..., list[Column]]
-    when: Callable[[Model], bool] = lambda m: True
+    when: str = ""
     starts: Callable[[Model], list[tuple[float, ...]]] = lambda m: [()]
     prior: Callable[[Model], float] = lambda m: 1.0
     bounds: tuple[tuple[float, float, float], ...] = ()
     place: str = "plant"
     effective: bool = False
     once: bool = False
+
+    def fits(self, m: Model) -> bool:
+        return all(getattr(m, each) for each in self.when.split())
 
     def shape(self, count: int) -> Shape:
         mark = f"{self.name}#{count}."
@@ -204,20 +207,10 @@ def after(m: Model, time: float) -> np.ndarray:
     return np.clip((m.t[1:] - time) / m.dt, 0.0, 1.0)
 
 
-def _middles(m: Model) -> np.ndarray:
-    """Times (n,) [s] of the middles of the rows' intervals, from the log's own."""
-    return m.t[:-1] + 0.5 * m.dt - m.centre
-
-
-def _tau(m: Model) -> np.ndarray:
-    """Time (n,) from -1 to 1 over the log."""
-    return np.linspace(-1.0, 1.0, m.n)
-
-
 def _hats(m: Model, count: int) -> np.ndarray:
     """(n, count) lines from 1 at one of so many times along the log to 0 at its neighbours."""
     nodes = np.linspace(-1.0, 1.0, count)
-    return np.clip(1.0 - np.abs(_tau(m)[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
+    return np.clip(1.0 - np.abs(m.tau[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
 
 
 def _tone(m: Model, x: np.ndarray | float, phase: np.ndarray) -> list[Column]:
@@ -258,11 +251,6 @@ def _played(m: Model, width: float) -> list[Column]:
     return [Column(command=m.input_of(get, m.base_constants) - m.base_input)]
 
 
-def _beat(m: Model, frequency: float) -> list[Column]:
-    """A tone whose amplitude and phase change over a seventh of the log."""
-    return [column for hat in _hats(m, 8).T for column in _tone(m, hat, frequency * _middles(m))]
-
-
 # ---- where they are looked for
 
 
@@ -301,7 +289,7 @@ def lines_in(m: Model, e: np.ndarray, channel: int, climbs: bool = False) -> lis
     most, apart = FASTEST_CLIMB / half, 2.0 * math.pi / half**2     # a turn of phase from the middle to either end
     found: list[tuple[float, float, float]] = []
     for climb in np.arange(-most, most, apart) if climbs else (0.0,):
-        turned = x * np.exp(-0.5j * climb * _middles(m)**2) if climbs else x
+        turned = x * np.exp(-0.5j * climb * m.middle**2) if climbs else x
         power = np.abs(np.fft.fft(turned, size)[:len(w)])**2
         power[w < np.maximum(math.pi * CYCLES / half, abs(climb) * half)] = 0.0
         power[w > 0.8 * np.pi / m.track.period] = 0.0
@@ -318,30 +306,11 @@ def _rates(m: Model) -> list[tuple[float, ...]]:
 
 
 def _lines_below(m: Model) -> list[tuple[float, ...]]:
-    return [(float(w),) for w in np.linspace(0.6, 4.0, 40)] if _is_long(m) else []
+    return [(float(w),) for w in np.linspace(0.6, 4.0, 40)] if m.is_long else []
 
 
-# ---- which logs can have them
-
-
-def _input_moves(m: Model) -> bool:
-    return bool(np.any(m.k1 != 0.0)) and m.scales.beta > 1e-9
-
-
-def _commanded(m: Model) -> bool:
-    return m.is_commanded and _input_moves(m)
-
-
-def _both(m: Model) -> bool:
-    return m.has["theta"] and m.has["theta_dot"]
-
-
-def _unstable(m: Model) -> bool:
-    return bool(np.any(m.a6 != 0.0))
-
-
-def _is_long(m: Model) -> bool:
-    return float(m.t[-1] - m.t[0]) > 20.0
+def _quantiles(x: np.ndarray, of: Sequence[float] | np.ndarray) -> list[tuple[float, ...]]:
+    return [(float(each),) for each in np.quantile(x, of)]
 
 
 def _acceleration(m: Model) -> float:
@@ -352,67 +321,66 @@ ANYWHEN, LASTING = (0.02, -1e9, 1e9), (0.02, 0.2, 20.0)   # step and range of an
 TONE = ("sine", "cosine", "frequency")
 CANDIDATE_KINDS = (
     Kind("control_loss", "control_loss", ("fraction", "time"), 1,
-         lambda m, time: [Column(-m.k1 * m.motion[:, 2] * after(m, time))],
-         _input_moves, _onsets, lambda m: 0.5, (ANYWHEN,), effective=True, once=True),
+         lambda m, time: [Column(-m.k1 * m.motion[:, 2] * after(m, time))], "input_moves", _onsets, lambda m: 0.5,
+         (ANYWHEN,), effective=True, once=True),
     Kind("moment_step", "moment_step", ("acceleration", "time"), 1, lambda m, time: [Column(after(m, time))],
          starts=_onsets, prior=_acceleration, bounds=(ANYWHEN,), once=True),
-    Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, lambda m: m.is_flown and _unstable(m),
-         _pulses, lambda m: 0.2, (ANYWHEN, LASTING), "environment", once=True),
+    Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, "is_flown is_unstable", _pulses, lambda m: 0.2,
+         (ANYWHEN, LASTING), "environment", once=True),
     Kind("periodic_disturbance", "periodic_disturbance", TONE, 2,
-         lambda m, frequency: _tone(m, 1.0, frequency * _middles(m)), lambda m: m.is_flown, lambda m: [],
-         _acceleration, ((2e-4, 0.05, 300.0),), "environment"),
-    Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh,
-         lambda m: m.has["theta"] and m.is_flown, lambda m: _modes(m, SLOSH),
-         bounds=((2e-3, 0.2, 25.0), (1e-3, *DAMPING_RANGE))),
+         lambda m, frequency: _tone(m, 1.0, frequency * m.middle), "is_flown", lambda m: [], _acceleration,
+         ((2e-4, 0.05, 300.0),), "environment"),
+    Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh, "has_theta is_flown",
+         lambda m: _modes(m, SLOSH), bounds=((2e-3, 0.2, 25.0), (1e-3, *DAMPING_RANGE))),
     Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1,
          lambda m, frequency, damping: [Column(shift=bending(m.nozzle, frequency, damping, m.track))],
-         lambda m: m.is_flown and _commanded(m), lambda m: _modes(m, BENDING), lambda m: 0.1,
+         "is_flown has_commands", lambda m: _modes(m, BENDING), lambda m: 0.1,
          ((2e-2, *BENDING), (1e-3, *DAMPING_RANGE))),
     Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2,
          lambda m: [Column(-m.a6 * np.append(0.0, np.cumsum(x[:-1] * m.dt[:-1]))) for x in m.motion[:, [0, 2]].T],
-         lambda m: m.has["theta"] and _unstable(m) and not m.track.record.path.size, prior=lambda m: 0.1),
-    Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1,
-         _played, _commanded, lambda m: [(x,) for x in PLAYS],
-         bounds=((2e-5, 1e-6, 0.2),), place="actuator"),
-    Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, _limited, _commanded, _rates,
+         "has_theta is_unstable has_no_path", prior=lambda m: 0.1),
+    Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1, _played, "has_commands",
+         lambda m: [(x,) for x in PLAYS], bounds=((2e-5, 1e-6, 0.2),), place="actuator"),
+    Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, _limited, "has_commands", _rates,
          bounds=((1e-3, 1e-3, 50.0),), place="actuator"),
     # in no list: what they explain is not named
     Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.last_input * np.abs(m.last_input))],
-         _commanded, place="actuator"),
-    Kind("servo_asymmetry", "", ("size",), 1, lambda m: [Column(command=m.last_input**2)], _commanded,
+         "has_commands", place="actuator"),
+    Kind("servo_asymmetry", "", ("size",), 1, lambda m: [Column(command=m.last_input**2)], "has_commands",
          place="actuator"),
-    Kind("servo_friction", "", ("size", "soft"), 1, lambda m, soft: [Column(command=-np.tanh(m.nozzle_rate[:, None] / soft))],
-         _commanded, lambda m: [(0.005,), (0.02,)], bounds=((1e-3, 1e-3, 1.0),), place="actuator"),
-    Kind("attitude_curve", "", ("size",), 1, lambda m: _shift(m, 0, m.motion[:, 0]**3), _both,
+    Kind("servo_friction", "", ("size", "soft"), 1,
+         lambda m, soft: [Column(command=-np.tanh(m.nozzle_rate[:, None] / soft))], "has_commands",
+         lambda m: [(0.005,), (0.02,)], bounds=((1e-3, 1e-3, 1.0),), place="actuator"),
+    Kind("attitude_curve", "", ("size",), 1, lambda m: _shift(m, 0, m.motion[:, 0]**3), "has_both",
          prior=lambda m: 0.3 / m.scales.theta**2, place="sensor"),
-    Kind("attitude_knee", "", ("size", "at"), 1, lambda m, at: _shift(m, 0, np.abs(m.motion[:, 0] - at)), _both,
-         lambda m: [(float(x),) for x in np.quantile(m.motion[:, 0], np.linspace(0.1, 0.9, 9))],
-         bounds=((1e-3, -3.0, 3.0),), place="sensor"),
-    Kind("attitude_walk", "", ("size",), 1, lambda m: _shift(m, 0, _tau(m)), _both, prior=lambda m: m.scales.theta,
+    Kind("attitude_knee", "", ("size", "at"), 1, lambda m, at: _shift(m, 0, np.abs(m.motion[:, 0] - at)), "has_both",
+         lambda m: _quantiles(m.motion[:, 0], np.linspace(0.1, 0.9, 9)), bounds=((1e-3, -3.0, 3.0),), place="sensor"),
+    Kind("attitude_walk", "", ("size",), 1, lambda m: _shift(m, 0, m.tau), "has_both", prior=lambda m: m.scales.theta,
          place="sensor"),
     Kind("gyro_ceiling", "", ("size", "at"), 1,
-         lambda m, at: _shift(m, 1, np.clip(m.motion[:, 1], -at, at) - m.motion[:, 1]), _both,
+         lambda m, at: _shift(m, 1, np.clip(m.motion[:, 1], -at, at) - m.motion[:, 1]), "has_both",
          lambda m: [(float(x * np.max(np.abs(m.motion[:, 1]))),) for x in (0.5, 0.65, 0.8, 0.9, 0.96)],
          bounds=((1e-3, 1e-6, 1e3),), place="sensor"),
     Kind("gyro_dead_zone", "", ("size", "at"), 1, lambda m, at: _shift(m, 1, -np.clip(m.motion[:, 1] / at, -1.0, 1.0)),
-         _both, lambda m: [(float(x) + 1e-6,) for x in np.quantile(np.abs(m.motion[:, 1]), (0.1, 0.2, 0.35, 0.5, 0.7))],
+         "has_both", lambda m: _quantiles(np.abs(m.motion[:, 1]) + 1e-6, (0.1, 0.2, 0.35, 0.5, 0.7)),
          lambda m: m.scales.omega, ((1e-4, 1e-7, 1e3),), "sensor"),
     Kind("gyro_flip", "", ("size", "time", "duration"), 1, lambda m, time, duration: _shift(
-             m, 1, m.motion[:, 1] * ((m.t[:-1] >= time) & (m.t[:-1] < time + duration))), _both, _windows,
+             m, 1, m.motion[:, 1] * ((m.t[:-1] >= time) & (m.t[:-1] < time + duration))), "has_both", _windows,
          lambda m: 2.0, (ANYWHEN, LASTING), "sensor", once=True),
-    Kind("gyro_warming", "", ("size",), 1, lambda m: _shift(m, 1, m.motion[:, 1] * _tau(m)), _both, place="sensor"),
-    Kind("pickup_drift", "", ("size",), 1, lambda m: _shift(m, 2, _tau(m)),
-         lambda m: m.has["beta"] and _commanded(m), prior=lambda m: m.scales.beta, place="sensor"),
-    Kind("aero_flutter", "", TONE, 2, lambda m, frequency: _tone(m, m.a6 * m.motion[:, 0], frequency * _middles(m)),
-         _unstable, _lines_below, bounds=((1e-3, 0.1, 30.0),)),
-    Kind("thrust_flutter", "", TONE, 2, lambda m, frequency: _tone(m, m.k1 * m.motion[:, 2], frequency * _middles(m)),
-         _input_moves, _lines_below, bounds=((1e-3, 0.1, 30.0),)),
-    Kind("chirp", "", (*TONE, "climb"), 2, lambda m, frequency, climb: _tone(
-             m, 1.0, frequency * _middles(m) + 0.5 * climb * _middles(m)**2), _is_long, lambda m: [], _acceleration,
-         ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), "environment"),
-    Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, _beat, _is_long, lambda m: [], _acceleration,
-         ((1e-3, 0.05, 300.0),), "environment"),
-    Kind("a6_drift", "", ("size",), 1, lambda m: [Column(m.a6 * m.motion[:, 0] * _tau(m))], _unstable),
+    Kind("gyro_warming", "", ("size",), 1, lambda m: _shift(m, 1, m.motion[:, 1] * m.tau), "has_both", place="sensor"),
+    Kind("pickup_drift", "", ("size",), 1, lambda m: _shift(m, 2, m.tau), "has_beta has_commands",
+         prior=lambda m: m.scales.beta, place="sensor"),
+    Kind("aero_flutter", "", TONE, 2, lambda m, frequency: _tone(m, m.a6 * m.motion[:, 0], frequency * m.middle),
+         "is_unstable", _lines_below, bounds=((1e-3, 0.1, 30.0),)),
+    Kind("thrust_flutter", "", TONE, 2, lambda m, frequency: _tone(m, m.k1 * m.motion[:, 2], frequency * m.middle),
+         "input_moves", _lines_below, bounds=((1e-3, 0.1, 30.0),)),
+    Kind("chirp", "", (*TONE, "climb"), 2,
+         lambda m, frequency, climb: _tone(m, 1.0, frequency * m.middle + 0.5 * climb * m.middle**2), "is_long",
+         lambda m: [], _acceleration, ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), "environment"),
+    Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, lambda m, frequency: [
+             column for hat in _hats(m, 8).T for column in _tone(m, hat, frequency * m.middle)], "is_long",
+         lambda m: [], _acceleration, ((1e-3, 0.05, 300.0),), "environment"),
+    Kind("a6_drift", "", ("size",), 1, lambda m: [Column(m.a6 * m.motion[:, 0] * m.tau)], "is_unstable"),
     Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, lambda m: [Column(x) for x in _hats(m, 10)[:, 1:].T],
          prior=_acceleration, place="environment"),
 )

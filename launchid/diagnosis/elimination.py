@@ -28,7 +28,8 @@ EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goe
 RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "friction", "k1_slope", "lateral_drift"}
 SHAPES_OF_NUMBERS = {"cubic", "sine", "term beta^2", "friction"}
 SHAPE_Z = 4.0          # standard errors that a curve of the motion must save, or any number beside a wrong sensor
-CLEAR, CLEAR_Z = 0.5, 1.65   # of what the full model saves in a stranger's log, from which so many errors are enough
+MOST = 0.5             # of what the full model saves: what saves less is not the cause
+CLEAR_Z = 1.65         # standard errors that are enough for what saves more in a stranger's log
 ONE_OF = 12.0          # squares by which one of a set of twins may be worse than all of them, to stand for them
 AT_END = 0.01          # of an end of a shape's range, within which it stands at it
 RIVAL_MARGIN = 0.02    # of what a cause saves, within which another in its place does as well
@@ -158,13 +159,13 @@ class Search:
     def is_needed(self, group: Group, gain: float, error: float, removable: float) -> bool:
         if gain < self.m.unsure:
             return False
-        if group.name == "inertia" and not self.m.is_commanded and gain < CLEAR * removable:
+        if group.name == "inertia" and not self.m.is_commanded and gain < MOST * removable:
             return False     # rows of a measured input that moves between them feign a little of it
         if group.is_event:
             return gain > EVENT and gain > NAME_SHARE * removable
         if self.m.is_flown and group.name not in KINEMATIC and gain > SHAPE_Z * error:
             removable -= self.by_sensors
-        is_clear = not self.m.is_flown and gain > max(CLEAR * removable, EVENT)
+        is_clear = not self.m.is_flown and gain > max(MOST * removable, EVENT)
         is_curve = not self.m.is_flown and not is_clear and group.name in SHAPES_OF_NUMBERS
         z = CLEAR_Z if is_clear else SHAPE_Z if is_curve else Z
         return gain > z * error and gain > MIN_SQUARES_SAVED and gain > NAME_SHARE * removable

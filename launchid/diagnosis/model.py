@@ -22,6 +22,7 @@ CURVES = {"sin(theta)": ekf.SIN, "cos(theta)": ekf.COS, "theta^2": ekf.SQUARE, "
 LINEAR_TERMS = ("1", "theta", "theta_dot", "beta")
 KINEMATIC = ("gyro_bias", "gyro_scale", "gyro_delay")   # say something of the columns alone, and turn no vehicle
 SMOOTH_INPUT = 0.4     # second over first differences of a measured input, up to which its acceleration is known
+LONG = 20.0            # s, of a log that shows what changes slowly
 RESPONSE_STEP = 0.02   # s, about, of small responses between two rows
 DENSEST = 30.0         # times the declared, up to which a sensor's noise of a stand may be fitted
 LOUDEST = 1e4          # times the declared, of the acceleration of a stand: nominals of others declare what they like
@@ -71,6 +72,7 @@ class Model:
     """The track with the nominal's numbers.
 
     numbers  the table, grown by `with_shapes`;  shapes  the candidates beyond the usual numbers that are fitted
+    middle   (n,) times [s] of the rows' middles from the log's own;  tau  (n,) time from -1 to 1 over the log
     motion   (n, 3) attitude, rate, nozzle by the filter: what forced columns are made of
     nozzle   (n sub,) at the beginning of every step of the filter, for a mode may swing faster than rows show
     nozzle_rate  (n,) over each row as predicted at its beginning: what is measured at its end knows the row's noise
@@ -81,12 +83,16 @@ class Model:
         self.t, self.z, self.n, self.retimed = track.t, track.z, len(track.z), 0.0
         self.dt = np.diff(track.t)
         self.centre = 0.5 * (track.t[0] + track.t[-2])
+        self.middle, self.tau = track.t[:-1] + 0.5 * self.dt - self.centre, np.linspace(-1.0, 1.0, self.n)
+        self.is_long = float(track.t[-1] - track.t[0]) > LONG
         self.servo = track.record.actuator
         self.known = believed(track, self.servo)
         self.a6, self.k1, self.terms, self.given = self.known.a6, self.known.k1, self.known.terms, self.known.numbers
         self.is_commanded = track.record.command_is_known
         self.has = {name: bool(np.isfinite(self.z[:, k]).any())
                     for k, name in enumerate(("theta", "theta_dot", "beta"))}
+        self.has_theta, self.has_beta = self.has["theta"], self.has["beta"]
+        self.has_both, self.has_no_path = self.has_theta and self.has["theta_dot"], not track.record.path.size
         self.unsure = 2.0 * track.record.unsure * self.n   # squares that commands may feign which no row saw
         self.brake = math.inf     # [s] of the monotonic clock, after which nothing is filtered
         self.law = nominal.controller or track.record.law
@@ -94,6 +100,9 @@ class Model:
         u = track.commands
         self.is_smooth = float(np.std(np.diff(u, 2))) < SMOOTH_INPUT * float(np.std(np.diff(u)))  # of a measured input
         self.scales = self._scales()
+        self.is_unstable = bool(np.any(self.a6 != 0.0))
+        self.input_moves = bool(np.any(self.k1 != 0.0)) and self.scales.beta > 1e-9
+        self.has_commands = self.is_commanded and self.input_moves
         self.widths = np.repeat(self.dt / track.sub, track.sub)
         self.integral = np.append(0.0, np.cumsum(track.commands * np.diff(track.ticks)))
         self.inputs: dict[tuple[float, ...], np.ndarray] = {}

@@ -64,7 +64,7 @@ class Scanner:
     def best(self, kind: Kind) -> Found | None:
         """The place where a kind promises most."""
         m = self.m
-        if not kind.when(m) or not (kind.cause or m.is_flown):
+        if not kind.fits(m) or not (kind.cause or m.is_flown):
             return None
         starts = kind.starts(m)
         if kind.name in LINES:

@@ -18,10 +18,10 @@ from ..sums import along, square
 from .adapter import FEWEST_ROWS, Reading, read
 from .candidates import CANDIDATE_KINDS, TOLERANCE_SIGMAS, usual
 from .controller.check import ControllerCheck
-from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, Elimination, Kept, Search
+from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, MOST, NAME_SHARE, Elimination, Kept, Search
 from .estimate import Fit, fit_levels, gauss_newton, gram, level_deviation
 from .gain import Gain, held_out
-from .model import KINEMATIC, SCORE_BLOCKS, WEATHER, Model, Number, Stopped
+from .model import KINEMATIC, SCORE_BLOCKS, WEATHER, Model, Stopped
 from .scan import RIVAL_SHARE, Found, scan, with_shape
 from .score import compare, covariance, left_out
 
@@ -36,12 +36,8 @@ GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with
 LOUD_LEVEL = 2.9       # times the declared, from which a level hides what is not modelled
 WHITE_SQUARES = 1.35   # mean square of whitened errors that a model at its noise may leave
 UNKNOWN_LEFT = 0.75    # of the removable error ahead: with more left beside something unknown no cause is named
-NAMED_SHARE = 0.5      # of what everything free saves, that names must save together
-QUIET = 0.05           # of the removable error ahead, that names may leave where noise hides what is not modelled
-SURE_SHARE = 0.5       # of what everything saves, of a name beside which something remains
 BETWEEN_THEM = 2.0     # of what everything saves, that names may save last in: more is numbers that undo one another
-ODD = 0.25             # of what causes save, from which a shape in no list takes the name away
-WORSE, AHEAD, LEVEL = 1.0, 0.85, 2.0   # of a stranger's log: standard errors, share of the error ahead, noise level
+AHEAD, LEVEL = 0.85, 2.0     # of a stranger's log: share of the error ahead, noise level
 # parts of the log by which the input is turned; times that its own must win
 TURNING_SHARES, PLACEBO = (0.2, 0.45, 0.7), 2.0
 INPUT_NUMBERS = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2",
@@ -98,7 +94,7 @@ def adequacy(m: Model, fit: Fit) -> tuple[list[str], str | None]:
     signals = {"the rate": m.motion[:, 1], "the rate's sign": np.sign(m.motion[:, 1]), "the attitude": m.motion[:, 0],
                "the attitude's square": (m.motion[:, 0] - m.motion[:, 0].mean())**2,
                "the input": m.mean_input, "the input's square": (m.mean_input - m.mean_input.mean())**2,
-               "time": np.linspace(-1.0, 1.0, m.n)}
+               "time": m.tau}
     words, place = [], None
     for ch, name in enumerate(("theta", "theta_dot", "beta")):
         mine = m.channel == ch
@@ -241,7 +237,7 @@ def limited(m: Model) -> np.ndarray:
     trimmed = [gauss_newton(m, m.null, (m.index("misalignment"),)).p] if "misalignment" in m.names else []
     least, p = min(((square(m.white(q)), q) for q in (*late, *trimmed)), key=lambda each: each[0])
     best = None
-    for kind in (kind for kind in CANDIDATE_KINDS if kind.cause and kind.place == "actuator" and kind.when(m)):
+    for kind in (kind for kind in CANDIDATE_KINDS if kind.cause and kind.place == "actuator" and kind.fits(m)):
         for values in kind.starts(m):
             found, table = Found(kind, values, np.ones(1), plain), m.numbers
             left = square(m.white(with_shape(m, m.null, found)))
@@ -265,7 +261,7 @@ def weather(m: Model, fit: Fit) -> str:
 
     A walk begins at no disturbance, so what it saves of the moment that is taken to wander always is no weather's.
     """
-    if not m.is_flown or m.is_windy or not np.any(m.a6 != 0.0):
+    if not m.is_flown or m.is_windy or not m.is_unstable:
         return ""
     levels, table = m.levels.copy(), (m.numbers, m.shapes)
     all_else = likelihood(m, m.white(fit.p))
@@ -328,8 +324,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
         listed = [k for k in listed if k not in of_input]
         words.append("the input of another time explains as much as the log's own: nothing is said of it")
     names = [*named_beside(m, el, controller), *(each for k in listed for each in named_of(m, el, k))]
-    doubts = [others.get(k.group.name) or
-              f"{k.group.kind} explains {0.5 * k.gain:.0f} nats and is no known cause"
+    doubts = [others.get(k.group.name) or f"{k.group.kind} explains {0.5 * k.gain:.0f} nats and is no known cause"
               for k in unlisted]
     where = unlisted[0].group.place if unlisted else None
     is_foreign = controller is not None and controller.is_foreign
@@ -345,26 +340,22 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
 
     if not (names or against or el.kept):
         return result("consistent", None)
-    saved = sum(k.gain for k in listed)
-    odd = sum(k.gain for k in unlisted)
-    short = 2.0 * nats < NAMED_SHARE * el.removable
+    odd = sum(k.gain for k in unlisted) > (1.0 - UNKNOWN_LEFT) * sum(k.gain for k in listed)
+    short = 2.0 * nats < MOST * el.removable
     noises = sum("noise of" in each for each in inadequate)
-    loud = m.is_flown and (noises > 1 or (noises == 1 and gain.share > QUIET))
-    nearest = tuple(names)
+    loud = m.is_flown and (noises > 1 or (noises == 1 and gain.share > NAME_SHARE))
     place_of_misfit = where or misfit or (names[0].where if names else None) or "plant"
     poor = bool(listed) and bool(against) and (gain.share > (UNKNOWN_LEFT if m.is_flown else 1.0 - UNKNOWN_LEFT)
                                                or short or loud)
-    if is_foreign or not names or (odd > ODD * saved and unlisted) or poor:
-        return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
-    if against:
-        sure = [k for k in listed if k.share > SURE_SHARE]
-        names = [each for each in names if each.where == "controller" or
-                 any(each.nats == 0.5 * k.gain for k in sure)]
-        if not names or sum(k.share for k in el.kept) > BETWEEN_THEM:
-            return result("unexplained", place_of_misfit, nearest=nearest, doubts=tuple(against))
-        return result("dominant", names[0].where, named=tuple(names), remaining=tuple(against), share=gain.share,
-                      remaining_where=where or misfit)
-    return result("explained", names[0].where, named=tuple(names))
+    if is_foreign or not names or (odd and unlisted) or poor:
+        return result("unexplained", place_of_misfit, nearest=tuple(names), doubts=tuple(against))
+    if not against:
+        return result("explained", names[0].where, named=tuple(names))
+    sure = tuple(each for each in names if each.where == "controller" or each.share > MOST)
+    if not sure or sum(k.share for k in el.kept) > BETWEEN_THEM:
+        return result("unexplained", place_of_misfit, nearest=tuple(names), doubts=tuple(against))
+    return result("dominant", sure[0].where, named=sure, remaining=tuple(against), share=gain.share,
+                  remaining_where=where or misfit)
 
 
 def other_shape(m: Model, el: Elimination, k: Kept) -> str:
@@ -396,7 +387,7 @@ def is_rest(m: Model, el: Elimination, k: Kept, largest: Kept) -> bool:
     if k is largest or k.group.is_event or largest.group.is_event:
         return False
     fit, of = el.final, largest.group.numbers[:largest.group.linear]
-    off, tau = (fit.p - m.null)[list(fit.free)], np.linspace(-1.0, 1.0, m.n)[m.rows]
+    off, tau = (fit.p - m.null)[list(fit.free)], m.tau[m.rows]
     J = np.column_stack([fit.J, *(fit.J[:, fit.at(j)] * by for j in of for by in (tau, tau**2))])
     sizes = [abs(fit.p[j] - m.null[j]) + 1e-12 for j in of for _ in range(2)]
     prior = np.concatenate([m.prior[list(fit.free)], sizes])**-2.0
@@ -412,7 +403,7 @@ def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
     of noise alone."""
     out = []
     base, error = compare(m, el.e_final, el.e_full, el.unit)
-    if base > WORSE * error and base > MIN_SQUARES_SAVED:
+    if base > ALIKE_Z * error and base > MIN_SQUARES_SAVED:
         out.append(f"left-out blocks: worse than the full model by {0.5 * base:.0f} +- {0.5 * error:.0f} nats")
     if gain.floor < AHEAD:
         out.append(f"the full model's error ahead is {gain.floor:.2f} of what these numbers leave")
@@ -481,12 +472,6 @@ def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | N
     return ""
 
 
-def beside(m: Model, number: Number, value: float) -> float:
-    """A number less what the nominal's own effects say of it, as a further effect has it."""
-    own = m.given.get(number.name)
-    return value if own is None else value / own if number.parameter == "scale" else value - own
-
-
 def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None) -> list[Named]:
     """What is found without a number of the fit: another controller, weather."""
     found = []
@@ -512,9 +497,11 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
     values: dict[str, tuple[Any, float | None]] = {}
     for j in k.group.numbers:
         number, value, std = m.numbers[j], float(el.final.p[j]), k.std.get(j)
+        is_scale, own = number.parameter == "scale", m.given.get(number.name)   # of the nominal's own effects
+        extra = value if own is None else value / own if is_scale else value - own
         # that is nobody's fault
-        part = number.tol / TOLERANCE_SIGMAS * (abs(value) if number.parameter == "scale" else 1.0)
-        values[number.parameter] = (beside(m, number, value), None if std is None else math.hypot(std, part))
+        part = number.tol / TOLERANCE_SIGMAS * (abs(value) if is_scale else 1.0)
+        values[number.parameter] = (extra, None if std is None else math.hypot(std, part))
     if cause == "missing_term":
         number = m.numbers[k.group.numbers[0]]
         value = float(el.final.p[k.group.numbers[0]]) - number.null

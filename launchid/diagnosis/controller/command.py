@@ -118,7 +118,9 @@ def _held(draft: Record, command: np.ndarray) -> Record:
     if draft.tick <= draft.every:
         return draft
     held = draft.tick // draft.every
-    return replace(draft, tick=draft.every, held=held, held_phase=_phase(command, held))
+    changes = np.flatnonzero(np.abs(np.diff(command)) > 0.0) + 1
+    first = int(np.bincount(changes % held, minlength=held).argmax()) if len(changes) else 0   # at which it issues
+    return replace(draft, tick=draft.every, held=held, held_phase=first)
 
 
 def in_doubt(draft: Record, off: float, unseen: float) -> Record:
@@ -176,12 +178,6 @@ def _is_held(changed: np.ndarray) -> bool:
     apart = np.diff(np.flatnonzero(changed))
     apart = apart[apart <= LONGEST_HELD]
     return len(apart) > 0 and float(np.mean(apart)) * (1.0 - REPEATED_ROWS) > 1.0
-
-
-def _phase(command: np.ndarray, held: int) -> int:
-    """Rows from the first to the first at which the controller issues, in a log faster than the controller."""
-    changes = np.flatnonzero(np.abs(np.diff(command)) > 0.0) + 1
-    return int(np.bincount(changes % held, minlength=held).argmax()) if len(changes) else 0
 
 
 # ---- recomputed

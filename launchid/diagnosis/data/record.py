@@ -8,7 +8,6 @@ Assumptions: of a uniform log whose period goes with the controller's the first 
 jitter by less than half a period.
 """
 
-import functools
 import math
 from dataclasses import dataclass, field, replace
 
@@ -26,7 +25,6 @@ from ...log.detect import DataCheck
 from ...log.log import Log
 
 Z_THETA, Z_THETA_DOT, Z_BETA = range(3)
-ESCAPED = 1.0e3          # rad beyond where the log has been: a model that diverges so far is not followed further
 FAR_FASTER = 10.0        # times: a servo's pole so much faster than rows and its other pole is done before either tells
 LATEST_FLIGHT = 1.0e4    # s: a log that starts later (a calendar's clock) is shifted to start at 0
 CLOCKED = ("time", "middle")  # parameters of effects that are times on the log's clock
@@ -72,6 +70,7 @@ class Record:
     every: int
     tick: int
     shift: float
+    at: np.ndarray
     held: int = 1
     held_phase: int = 0
     between: float = 0.0
@@ -79,13 +78,8 @@ class Record:
     law: Controller | None = None
     rate_reference: np.ndarray = field(default_factory=lambda: np.zeros(0))   # (n,) rad/s, NaN where not known
     logged: np.ndarray | None = None
-    at: np.ndarray = None  # type: ignore[assignment]  # left out: uniform
     fine: int = 1
     path: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)))
-
-    def __post_init__(self) -> None:
-        if self.at is None:
-            object.__setattr__(self, "at", self.every * np.arange(len(self.z), dtype=np.int64))
 
     @property
     def rows(self) -> int:
@@ -95,14 +89,6 @@ class Record:
     def period(self) -> float:
         """The time [s] between rows."""
         return self.every * self.step
-
-    @functools.cached_property
-    def farthest(self) -> float:
-        """[rad] An attitude from which on a model does not follow the log: no body turns so far in it, however it
-        spins."""
-        turned = self.z[:, Z_THETA] if np.isfinite(self.z[:, Z_THETA]).any() else \
-            np.cumsum(np.nan_to_num(self.z[:, Z_THETA_DOT])) * self.period
-        return ESCAPED + float(np.nanmax(np.abs(turned)))
 
     @property
     def t(self) -> np.ndarray:
@@ -178,9 +164,8 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     if fine > 1:
         at[index[first]] += np.round(off[first] * every).astype(np.int64)
     path = np.stack([t, log.flight_path[usable]])
-    draft = Record(nominal, actuator, z, np.zeros(0), "", reference, first_step, step, every, tick, shift, at=at,
-                   fine=fine, path=path[:, np.isfinite(path[1])],
-                   law=law, rate_reference=column("rate_ref"))
+    draft = Record(nominal, actuator, z, np.zeros(0), "", reference, first_step, step, every, tick, shift, at,
+                   fine=fine, path=path[:, np.isfinite(path[1])], law=law, rate_reference=column("rate_ref"))
     return draft, command
 
 

@@ -55,16 +55,10 @@ def misfit(result: Result) -> Figure | None:
     below.set_xlabel("t [s]")
     for axis in (above, below):
         axis.legend(fontsize=8, ncol=3)
-        mark_times(axis, result)
+        for each in result.named:
+            if "time" in each.parameters:
+                axis.axvline(each.values["time"] + m.track.record.shift, color="0", linestyle="-.", linewidth=0.9)
     return figure
-
-
-def mark_times(axis, result: Result) -> None:
-    """Mark when causes begin."""
-    shift = result.model.track.record.shift if result.model is not None else 0.0
-    for each in result.named:
-        if "time" in each.parameters:
-            axis.axvline(each.parameters["time"][0] + shift, color="0", linestyle="-.", linewidth=0.9)
 
 
 def innovations(result: Result) -> Figure | None:

@@ -8,9 +8,10 @@ from hidden import draw_spec, fly
 
 from launchid.diagnosis.adapter import read
 from launchid.diagnosis.answer import lines, report
-from launchid.diagnosis.candidates import CANDIDATE_KINDS, usual
+from launchid.diagnosis.believed import bending
+from launchid.diagnosis.candidates import CANDIDATE_KINDS, lines_in, usual
 from launchid.diagnosis.estimate import fit_levels, level_deviation
-from launchid.diagnosis.filter import played
+from launchid.diagnosis.filter import nozzle_input, played
 from launchid.diagnosis.model import Model
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.log import log_of_values
@@ -54,7 +55,56 @@ def test_the_answer_is_the_contracts():
     assert lines(result)[0].startswith("EXPLAINED (sensor): gyro_bias")
 
 
+def test_an_attitude_bias_is_not_told_from_a_steady_wind():
+    log, _ = hidden(("attitude_bias",), 71011, "vega_like", 4.0, rate=50.0)
+    cause, = diagnose(log, load_nominal("vega_like")).named
+    assert "attitude_bias" in {cause.cause, *cause.alike} and "steady_wind" in {cause.cause, *cause.alike}
+
+
+@pytest.mark.parametrize("drop", [(), ("beta",)])
+def test_an_input_of_another_time_is_another_controller_s(drop):
+    """Nothing is said of the vehicle where the commands are not the law's, however the rows lie."""
+    columns, _ = fly(draw_spec(71012, ("actuator_delay",), "constant", 2.0, duration=30.0, rate=100.0, drop=drop))
+    turned = columns | {name: np.roll(columns[name], 1300) for name in ("beta", "beta_cmd") if name in columns}
+    assert read(log_of_values("log.csv", turned), load_nominal("constant")).controller.is_foreign
+
+
+def test_an_integral_is_another_law_where_the_log_misses_every_other_command():
+    log, _ = hidden(("pilot_integral",), 71013, "vega_like", rate=50.0)
+    assert read(log, load_nominal("vega_like")).controller.is_foreign
+
+
 # ---- laws of the parts
+
+
+def test_a_tone_that_climbs_is_found_among_noise(clean):
+    """To the width of a line, 2 pi over the log, and to what turns the phase by as much at either end."""
+    t = clean.t[:-1] + 0.5 * clean.dt - clean.centre
+    tone = 0.3 * np.sin(4.0 * t + 0.5 * 0.11 * t**2 + 1.0)
+    clean.white(clean.null)
+    e = np.where(clean.channel == 1, tone[clean.rows], 0.0) + np.random.default_rng(1).normal(size=len(clean.rows))
+    span = float(clean.t[-1] - clean.t[0])
+    frequency, climb = lines_in(clean, e, 1, climbs=True)[0]
+    assert frequency == pytest.approx(4.0, abs=2.0 * np.pi / span)
+    assert climb == pytest.approx(0.11, abs=8.0 * np.pi / span**2)
+
+
+@pytest.mark.parametrize("frequency", [22.0, 40.0])
+def test_a_mode_swings_as_the_continuous_one_at_its_frequency(clean, frequency):
+    """A nozzle that swings with it for long: gain over twice the damping, a quarter of a turn later."""
+    track, zeta = clean.track, 0.05
+    step = track.period / track.sub
+    time = step * np.arange(len(track.z) * track.sub)
+    shift = bending(np.sin(frequency * time), frequency, zeta, track)[:, 0]
+    steady = slice(len(shift) // 2, None)
+    exact = -np.cos(frequency * time[::track.sub]) / (2.0 * zeta)
+    assert np.std(shift[steady] - exact[steady]) < 0.03 * np.std(exact[steady])
+
+
+def test_a_rate_limit_that_limits_nothing_gives_the_command_back(clean):
+    u, out = clean.base_input.ravel(), np.empty(clean.base_input.size)
+    nozzle_input(u, clean.widths, clean.base_constants, 0.0, 0.0, 1e6, out)
+    assert out == pytest.approx(u, abs=1e-12)
 
 
 def test_whitened_innovations_of_the_truth_are_white(clean):
