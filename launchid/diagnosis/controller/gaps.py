@@ -215,6 +215,10 @@ class Gaps:
         colour = float(np.mean(rest[1:] * rest[:-1])) / max(rms(rest), 1e-12)**2
         return rms(rest) <= small and abs(colour) <= max(COLOURED, CHANCE_CORRELATION / math.sqrt(len(rest)))
 
+    def has_integral(self, tau: float) -> bool:
+        """Whether an integral of the error explains clearly more than the best gains with this filter [s]."""
+        return self.left(tau, (0, 1, INTEGRAL)).over(self.left(tau, (0, 1))) > MISMATCH_NATS
+
     def check(self) -> ControllerCheck:
         """The check of gains, filter and computing time that explain these gaps best."""
         believed, best = self.left(self.own.tau, ()), _explained(self)
@@ -224,8 +228,6 @@ class Gaps:
                                 best.tau if other else None, best.over(believed))
         if self.late == 0 and found.evidence < MISMATCH_NATS and self.is_noise(believed.rest):
             return ControllerCheck(NO_MISMATCH, believed.rms, believed.rms)
-        if self.left(best.tau, (0, 1, INTEGRAL)).over(best) > MISMATCH_NATS:   # a law that the nominal has not
-            return replace(found, kind=UNKNOWN_LAW)
         at_an_end = min(abs(best.tau / (self.own.tau * end) - 1.0) for end in NEAR_FILTERS[[0, -1]]) < SAME_PREDICTED
         return found.of_kind(SAME_PREDICTED, self.own.period) if self.is_noise(best.rest, EXPLAINS) and not at_an_end \
             else replace(found, kind=UNKNOWN_LAW)

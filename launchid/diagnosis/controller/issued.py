@@ -53,6 +53,9 @@ def with_commands(record: Record, follow: Callable[[Record], Seen | None]) -> tu
             gaps = Gaps(record, seen)
             is_believed = gaps.is_noise(gaps.left(own.tau, ()).rest)
             return believed, replace(checked, kind=NO_MISMATCH if is_believed else UNKNOWN_LAW)
+        late = round(checked.delay / own.period) // (record.every // record.tick)
+        if Gaps(record, seen, late).has_integral(checked.time_constant or own.tau):   # a law that the nominal has not
+            return record, replace(checked, kind=UNKNOWN_LAW)
     is_told = checked is not None and checked.kind != NO_MISMATCH
     was_told = any(CATALOGUE[each.name].where == "controller" for each in record.nominal.effects)   # by some log
     if is_told or was_told:
