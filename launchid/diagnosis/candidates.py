@@ -16,6 +16,7 @@ from .model import CURVES, Model, Number
 TOLERANCE_SIGMAS = 2.5  # of a declared tolerance, within which a number is nobody's fault
 SWING = 0.3            # rad rms, from which a body that bends from the line is a pendulum
 CYCLES = 10.0          # of a line in a log, fewer are a drift
+LEAST_CLIMB = 3.5      # turns of phase that its climb makes to either end, fewer are a line
 FASTEST_CLIMB = 9.0    # rad/s, from the middle of a log to its end, of a tone that climbs
 LARGEST_SHIFT = 2.0    # of a6, k1 and scales over their nominal value: one sigma of what is believed before a log
 TIMES = 0.1            # s, one sigma of a delay or lag that nobody declared
@@ -287,8 +288,9 @@ def lines_in(m: Model, e: np.ndarray, channel: int, climbs: bool = False) -> lis
     size, half = 1 << (2 * m.n - 1).bit_length(), 0.5 * float(m.t[-1] - m.t[0])
     w = 2.0 * np.pi * np.fft.rfftfreq(size, m.track.period)
     most, apart = FASTEST_CLIMB / half, 2.0 * math.pi / half**2     # a turn of phase from the middle to either end
+    rates = np.arange(-most, most, apart)
     found: list[tuple[float, float, float]] = []
-    for climb in np.arange(-most, most, apart) if climbs else (0.0,):
+    for climb in rates[np.abs(rates) > LEAST_CLIMB * apart] if climbs else (0.0,):
         turned = x * np.exp(-0.5j * climb * m.middle**2) if climbs else x
         power = np.abs(np.fft.fft(turned, size)[:len(w)])**2
         power[w < np.maximum(math.pi * CYCLES / half, abs(climb) * half)] = 0.0

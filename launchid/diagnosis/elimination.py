@@ -193,12 +193,12 @@ class Search:
         fit, live, best, e_end = self.take_away(full, e_nominal, e_full)
         m.white(fit.p)
         fit = fit._replace(J=slopes(m, fit.p, fit.free))
-        kept, fit, e_end, live = self.judged(fit, live, e_nominal, best, e_end)
-        while kept and (gone := [g for g in live if all(g is not k.group for k in kept)]):   # they hide what is needed
-            fit = self.without(fit, gone, 3)
+        kept, fit, e_end, live, idle = self.judged(fit, live, e_nominal, best, e_end)
+        while kept and idle:      # they hide what the others are worth
+            fit = self.without(fit, idle, 3)
             e_end = left_out(m, fit)
             fit = fit._replace(J=slopes(m, fit.p, fit.free))
-            kept, fit, e_end, live = self.judged(fit, [k.group for k in kept], e_nominal, best, e_end)
+            kept, fit, e_end, live, idle = self.judged(fit, live, e_nominal, best, e_end)
         if not kept:
             fit, e_end = nominal, e_nominal
         m.white(fit.p)
@@ -260,7 +260,7 @@ class Search:
         return fit, live, best, e_end
 
     def judged(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray,
-               e_end: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray, list[Group]]:
+               e_end: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray, list[Group], list[Group]]:
         """What each that is left is worth, last in, and who could stand for it; who stands better takes its place."""
         m = self.m
         for turn in range(3):
@@ -289,15 +289,16 @@ class Search:
             if swap is None or turn == 2:
                 break
             fit, live, e_end = swap
-        kept = [k for k in kept if self.is_needed(k.group, k.gain, k.error, removable)
-                and not self.is_at_an_end(fit, k.group) and (k.group.linear > 1 or abs(
-                    fit.p[k.group.numbers[0]] - m.null[k.group.numbers[0]]) > 2.0 * std.get(k.group.numbers[0], 0.0))]
+        far = np.abs(fit.p - m.null)
+        idle = [g for g in live if self.is_at_an_end(fit, g)
+                or (g.linear == 1 and far[g.numbers[0]] <= 2.0 * std.get(g.numbers[0], 0.0))]
+        kept = [k for k in kept if k.group not in idle and self.is_needed(k.group, k.gain, k.error, removable)]
         largest = max((k.gain for k in kept), default=0.0)
         kept = [k for k in kept if not k.group.is_event or k.gain > BESIDE_EVENT * largest]
         gain, error = compare(m, e_nominal, e_end, self.unit)
         if gain < MIN_SQUARES_SAVED or (gain < error and not any(k.group.is_event for k in kept)):
             kept = []
-        return tuple(kept), fit, e_end, live
+        return tuple(kept), fit, e_end, [g for g in live if g not in idle], idle
 
     def with_other(self, rest: Fit, other: Group) -> Fit:
         """The fit with another group in the place of one that is out."""
