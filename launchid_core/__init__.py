@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from .estimator import Estimator
     from .kernels import compiled
     from .model import Model
-    from .order.entries import precompile
-    from .port import Port, port_of
+    from .order.entries import Port, port_of, precompile
     from .watch.uncertainty import BANDS, EDGES
 
 __version__ = VERSION
@@ -44,9 +43,9 @@ def _homes() -> Iterator[Any]:
     yield from (config, estimate, model)
     from .watch import uncertainty
     yield uncertainty
-    from . import estimator, port
+    from . import estimator
     from .order import entries
-    yield from (entries, estimator, port)
+    yield from (entries, estimator)
 
 
 def __getattr__(name: str) -> Any:

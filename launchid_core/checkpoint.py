@@ -20,7 +20,7 @@ import numpy as np
 from .config import Config
 from .filter.filtered import BLOCK_ROWS
 from .gate.guard import CARRIED, GROUP
-from .order.assembly import Memory
+from .order.memory import Memory
 from .order.table import FILTERED
 from .version import VERSION
 

@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from . import checkpoint, replay
+from . import checkpoint
 from .config import Config
-from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty, made_estimate
-from .filter.belief import A6
-from .filter.states import LEVEL_CLAMPS, OUTLIERS, RESTARTS, WITHDRAWN_CHANGES
+from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty
+from .filter.states import A6, LEVEL_CLAMPS, OUTLIERS, RESTARTS, WITHDRAWN_CHANGES
 from .gate import ring as rb
 from .model import OFFSETS, SERVO, Model
-from .order.assembly import allocate
-from .order.entries import calls_of
+from .order.entries import calls_of, loop_of, table_of
+from .order.memory import allocate
 from .sample import NAN, Sample
 from .status import EstimateStatus, Status
 from .watch import report as rp
@@ -110,14 +109,11 @@ class Estimator:
         RuntimeError while an update runs; ValueError for another shape.
         """
         self._refuse_busy("replay")
-        table, take, at, estimates = replay.table_of(samples), replay.loop_of(self._memory), 0, []
+        table, take, at, estimates = table_of(samples), loop_of(self._memory), 0, []
         self._busy = True
         try:
             while at < len(table):
                 at, code = take(table, at)
-                if code == rb.ACCEPTED and at < len(table):
-                    code = self._step(*table[at].tolist())
-                    at += 1
                 if code == _RECOVERED:
                     self._begin_anew(Sample(*table[at - 1].tolist()))
                 elif code == rb.WINDOW_COMPLETE:
@@ -159,19 +155,15 @@ class Estimator:
         xi.setflags(write=False)
         support.setflags(write=False)
         t_start = state.clock.item(rb.T_CLOSED)
-        values = {
-            **_CALM, "t_start": t_start, "t_end": t_start + self.config.window, "valid": status == _OK,
-            "status": status, "a6": a6, "k1": k1, "a6_std": a6_std, "k1_std": k1_std, "a6_k1_corr": correlation,
-            "a6_dot": a6_dot, "k1_dot": k1_dot, "a6_bound": a6_bound, "k1_bound": k1_bound, "condition": condition,
-            "xi": xi, "support": support, "terms": self._terms, "rows": rows, "gaps": gaps, "whiteness": whiteness,
-            "absent": _named(self._terms, outcome.absent), "terms_std": _named(self._terms, outcome.std)}
-        model = self.config.model
-        if report is None or model is None:
-            return made_estimate(values)
-        tracked = Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked))
-        uncertainty = _uncertainty(report) if self._memory.size.ranged else None
-        return made_estimate({**values, "tracked": tracked, "uncertainty": uncertainty, **_air(report, model),
-                              **_actuator(report, model)})
+        model, more = self.config.model, dict[str, Any](offsets=MappingProxyType({}))
+        if report is not None and model is not None:
+            more = {"tracked": Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked)),
+                    "uncertainty": _uncertainty(report) if self._memory.size.ranged else None,
+                    **_air(report, model), **_actuator(report, model)}
+        return Estimate(
+            t_start, t_start + self.config.window, status == _OK, status, a6, k1, a6_std, k1_std, correlation, a6_dot,
+            k1_dot, a6_bound, k1_bound, condition, xi, support, self._terms, rows, gaps, whiteness=whiteness,
+            absent=_named(self._terms, outcome.absent), terms_std=_named(self._terms, outcome.std), **more)
 
     def changes(self) -> tuple[Change, ...]:
         """Sudden changes found so far, oldest first (of the last MAX_EVENTS alarms; formulation `filtered`)."""
@@ -234,11 +226,6 @@ def _numbers(values: np.ndarray) -> list[float]:
     return [NAN if math.isnan(x) else x for x in values.tolist()]
 
 
-_KNOWN: dict[str, Any] = {"actuator": None, "actuator_corr": ()}
-_CALM: dict[str, Any] = {"tracked": None, "uncertainty": None, "wind": NAN, "wind_std": NAN,
-                         "offsets": MappingProxyType({}), **_KNOWN}
-
-
 def _air(report: Any, model: Model) -> dict[str, Any]:
     """Wind and offsets out of a report, as fields of `Estimate`."""
     wind, wind_std = _numbers(report.air)
@@ -250,7 +237,7 @@ def _air(report: Any, model: Model) -> dict[str, Any]:
 def _actuator(report: Any, model: Model) -> dict[str, Any]:
     """The servo out of a report, as fields of `Estimate`; nothing of a servo that is known."""
     if not model.servo_sigma:
-        return _KNOWN
+        return {}
     return {"actuator": MappingProxyType({name: Offset(*_numbers(report.actuator[k])) for k, name in enumerate(SERVO)}),
             "actuator_corr": tuple(_numbers(report.actuator_corr))}
 

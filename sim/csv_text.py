@@ -6,7 +6,7 @@ not closed, a line without an end.  Memory is that of one row, whatever the file
 
 import csv
 from collections.abc import Iterator
-from typing import Literal, TextIO, TypedDict
+from typing import Any, TextIO
 
 from .errors import InputError
 
@@ -28,19 +28,9 @@ FOREIGN_FILES = (  # first bytes -> what such a file is, and what to do with it;
     (b"H Product:Blackbox", "a Blackbox log; decode it with blackbox_decode, whose CSV --map reads"),
     (b"<?xml", "XML"), (b"<!DOCTYPE", "a web page"), (b"<html", "a web page"))
 
-
 TLOG = (b"\xfe", b"\xfd")   # a MAVLink packet's first byte, behind a stamp of eight
-
-
-class TextOptions(TypedDict):
-    """The arguments of `open` for a file that `rows` reads."""
-
-    encoding: Literal["utf-8-sig"]
-    errors: Literal["surrogateescape"]
-    newline: Literal[""]
-
-
-AS_TEXT: TextOptions = {"encoding": "utf-8-sig", "errors": "surrogateescape", "newline": ""}
+# of `open` for a file that `rows` reads
+AS_TEXT: Any = {"encoding": "utf-8-sig", "errors": "surrogateescape", "newline": ""}
 
 
 def rows(path: str, file: TextIO, delimiter: str = ",") -> Iterator[tuple[int, list[str]]]:

@@ -36,14 +36,9 @@ def drawn_offsets(offsets: Offsets | None, seed: int) -> dict[str, float]:
 
 
 def offset_effects(drawn: dict[str, float]) -> tuple[Effect, ...]:
-    """The drawn offsets that are causes of the catalogue, as effects; `moment_of` has the other."""
+    """The drawn offsets that are causes of the catalogue, as effects: all but the moment."""
     return tuple(effect(name, **{"rate" if name == "gyro_bias" else "angle": value})
                  for name, value in drawn.items() if name != "moment")
-
-
-def moment_of(drawn: dict[str, float]) -> float:
-    """The moment [rad/s^2] on theta_ddot; -0.0, which changes no bit of a sum, where there is none."""
-    return drawn.get("moment", -0.0)
 
 
 # ---- wind

@@ -20,7 +20,7 @@ import numpy as np
 
 from launchid_core import Sample
 
-from .disturbance_draws import drawn_offsets, drawn_wind, moment_of, offset_effects
+from .disturbance_draws import drawn_offsets, drawn_wind, offset_effects
 from .effects import Changes, Effect, effect, pack, plant
 from .errors import InputError, UsageError
 from .nominal import Nominal
@@ -68,8 +68,7 @@ class Flight:
 
     def samples(self) -> Iterator[Sample]:
         """The log as the estimator's samples."""
-        columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd, self.gamma)
-        return starmap(Sample, zip(*(column.tolist() for column in columns), strict=True))
+        return starmap(Sample, self.rows().tolist())
 
     def rows(self) -> np.ndarray:
         """The same as an array (n, 7), for `Estimator.replay`."""
@@ -121,14 +120,7 @@ def dispersion(nominal: Nominal, delta_a6: float, delta_k1: float) -> tuple[Fact
     nominal.require("uncertainty")
     sigma = nominal.uncertainty
     assert sigma is not None
-
-    def a6_factor(t: np.ndarray) -> np.ndarray:
-        return 1.0 + delta_a6 * sigma.at(t)[0]
-
-    def k1_factor(t: np.ndarray) -> np.ndarray:
-        return 1.0 + delta_k1 * sigma.at(t)[1]
-
-    return a6_factor, k1_factor
+    return lambda t: 1.0 + delta_a6 * sigma.at(t)[0], lambda t: 1.0 + delta_k1 * sigma.at(t)[1]
 
 
 def noise(seed: int, stream: str, std: float, count: int) -> np.ndarray:
@@ -174,7 +166,7 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
     tick["excitation"] = excitation(nominal, ticks, controller.period)
     tick["noise"] = noise(seed, "command", actuator.command_noise_std, ticks)
     unmodelled = 0.0 if suite == "ideal" else simulation.acceleration_noise_std
-    tick["acceleration"] = noise(seed, "acceleration", unmodelled, ticks) + moment_of(offsets)
+    tick["acceleration"] = noise(seed, "acceleration", unmodelled, ticks) + offsets.get("moment", -0.0)
 
     noises = np.empty(steps, SENSOR_NOISE)
     for name in ("theta", "theta_dot", "beta"):

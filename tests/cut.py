@@ -12,8 +12,7 @@ from launchid_core.algebra.compress import first_state
 from launchid_core.gate import guard
 from launchid_core.gate import ring as rb
 from launchid_core.order import onboard
-from launchid_core.order.assembly import Memory, allocate
-from launchid_core.order.memory import dtype_of, members
+from launchid_core.order.memory import Memory, allocate, dtype_of, members
 from launchid_core.order.table import FILTERED, Struct, size_of
 from launchid_core.regression import regression
 

@@ -11,7 +11,7 @@ on clean data and have up to twice the error under noise.
 """
 
 from ..kernels import inner
-from .lanes import U
+from .linsolve import U
 
 STENCIL = 5
 

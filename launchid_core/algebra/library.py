@@ -160,16 +160,6 @@ def function_value(function, x):
 
 
 @inner
-def multiply_by_power(column, base, power, n):
-    """column[i] *= base[i]^power, the power first; power >= 1."""
-    for i in range(n):
-        value = base[i]
-        for _ in range(1, power):
-            value *= base[i]
-        column[i] *= value
-
-
-@inner
 def library_column(code, z, argument, n, column):
     """A term's column of the standardised library matrix Phi_std.
 
@@ -182,24 +172,15 @@ def library_column(code, z, argument, n, column):
         column[i] = 1.0
     for v in range(N_VARIABLES):
         if code[v] > 0:
-            multiply_by_power(column, z[v], code[v], n)
+            base = z[v]
+            for i in range(n):
+                value = base[i]
+                for _ in range(1, code[v]):
+                    value *= base[i]
+                column[i] *= value
     if code[4] > 0:
         for i in range(n):
             column[i] *= function_value(code[4], argument[i])
-
-
-@inner
-def binomial_share(raw, standard, centre, scale):
-    """Share of the standardised term `standard` in the raw term `raw`, none of whose powers is lower; codes (6,)."""
-    value = 1.0
-    for v in range(N_VARIABLES):
-        e, f = raw[v], standard[v]
-        for _ in range(e - f):
-            value *= centre[v]
-        for _ in range(f):
-            value *= scale[v]
-        value *= BINOMIAL[e, f]
-    return value
 
 
 @inner
@@ -216,8 +197,10 @@ def raw_from_standard(codes, centre, scale, tt):
         for j in range(q):
             value = 1.0 if codes[i, 4] == codes[j, 4] and codes[i, 5] == codes[j, 5] else 0.0
             for v in range(N_VARIABLES):
-                if codes[j, v] > codes[i, v]:
-                    value = 0.0
-            if value != 0.0:
-                value = binomial_share(codes[i], codes[j], centre, scale)
+                e, f = codes[i, v], codes[j, v]
+                for _ in range(e - f):
+                    value *= centre[v]
+                for _ in range(f):
+                    value *= scale[v]
+                value *= BINOMIAL[e, f]  # 0 where a power is lower
             tt[i, j] = value

@@ -5,7 +5,8 @@ Gram matrix is ever formed: on the ten-term library normal equations lose all
 digits (raw condition up to 8e8, squared 6e17).
 
 Storage: a matrix A (m x n) is kept as `at` (n, m), row j of `at` being column j
-of A, so that every inner loop runs along contiguous memory.
+of A, so that every inner loop runs along contiguous memory, four numbers at a time, each sum
+in its own fixed order: the same bits everywhere.  Positions start .. stop-1 of a loop must lie inside its vectors.
 
 Source: Golub & Van Loan, Matrix Computations, 4th ed., algorithms 5.1.1, 5.2.1, 5.4.1.
 """
@@ -15,13 +16,116 @@ import math
 import numpy as np
 
 from ..kernels import inner
-from .lanes import divide, dot, largest_size, reflect, scale, subtract
 
 EPS = np.finfo(np.float64).eps
 LARGER = 1.0 + 1.0e-12  # so much is no rounding: of columns of one norm the first is the pivot, on any machine
 # share of a column's square: less left of it by subtraction has lost three digits, and is summed anew
 MIN_LEFT = 1.0e-3
 LEAST_SQUARE = 1.0e-200  # of a column: below it, and above its inverse, a number's own square may be 0 or inf
+U = np.uint64  # of an index: numba asks a signed one whether it counts from the end, and takes one number at a time
+
+
+@inner
+def dot(a, b, start, stop):
+    """sum a[i]*b[i], i in start..stop-1, in four interleaved partial sums (fixed order: same bits everywhere)."""
+    s0 = s1 = s2 = s3 = 0.0
+    quads = (stop - start) // 4
+    for k in range(quads):
+        i = U(start + 4 * k)
+        s0 += a[i] * b[i]
+        s1 += a[i + U(1)] * b[i + U(1)]
+        s2 += a[i + U(2)] * b[i + U(2)]
+        s3 += a[i + U(3)] * b[i + U(3)]
+    for k in range(start + 4 * quads, stop):
+        i = U(k)
+        s0 += a[i] * b[i]
+    return (s0 + s1) + (s2 + s3)
+
+
+@inner
+def total(x, start, stop):
+    """The sum of x[i], i in start..stop-1, in four interleaved partial sums."""
+    s0 = s1 = s2 = s3 = 0.0
+    quads = (stop - start) // 4
+    for k in range(quads):
+        i = U(start + 4 * k)
+        s0 += x[i]
+        s1 += x[i + U(1)]
+        s2 += x[i + U(2)]
+        s3 += x[i + U(3)]
+    for k in range(start + 4 * quads, stop):
+        s0 += x[U(k)]
+    return (s0 + s1) + (s2 + s3)
+
+
+@inner
+def four_dots(v, a, b, c, d, start, stop):
+    """The sums v[i]*a[i], .. v[i]*d[i], i in start..stop-1, side by side: none waits for another.
+
+    Each in two partial sums, of every other number.
+    """
+    a0 = b0 = c0 = d0 = 0.0
+    a1 = b1 = c1 = d1 = 0.0
+    pairs = (stop - start) // 2
+    for k in range(pairs):
+        i = U(start + 2 * k)
+        x, y = v[i], v[i + U(1)]
+        a0 += x * a[i]
+        b0 += x * b[i]
+        c0 += x * c[i]
+        d0 += x * d[i]
+        a1 += y * a[i + U(1)]
+        b1 += y * b[i + U(1)]
+        c1 += y * c[i + U(1)]
+        d1 += y * d[i + U(1)]
+    for k in range(start + 2 * pairs, stop):
+        i = U(k)
+        a0 += v[i] * a[i]
+        b0 += v[i] * b[i]
+        c0 += v[i] * c[i]
+        d0 += v[i] * d[i]
+    return a0 + a1, b0 + b1, c0 + c1, d0 + d1
+
+
+@inner
+def subtract(y, s, x, start, stop):
+    """Subtract a multiple: y[i] -= s*x[i], i in start..stop-1."""
+    for k in range(start, stop):
+        i = U(k)
+        y[i] -= s * x[i]
+
+
+@inner
+def reflect(v, tau, columns, first, last, start, stop):
+    """Householder's reflection of rows first .. last-1 of `columns` (n, m), four at a time."""
+    fours = (last - first) // 4
+    for four in range(fours):
+        j = first + 4 * four
+        a, b, c, d = columns[j], columns[j + 1], columns[j + 2], columns[j + 3]
+        of_a, of_b, of_c, of_d = four_dots(v, a, b, c, d, start + 1, stop)
+        shares = (of_a, of_b, of_c, of_d)
+        for k in range(4):
+            s = tau * (columns[j + k, start] + shares[k])
+            columns[j + k, start] -= s
+            subtract(columns[j + k], s, v, start + 1, stop)
+    for j in range(first + 4 * fours, last):
+        s = tau * (columns[j, start] + dot(v, columns[j], start + 1, stop))
+        columns[j, start] -= s
+        subtract(columns[j], s, v, start + 1, stop)
+
+
+@inner
+def turn(a, b, pivot, stop):
+    """Givens rotation of the rows a and b (>=stop,) after which b[pivot] is 0 (Golub & Van Loan, 5.1.8)."""
+    size = math.sqrt(a[pivot] * a[pivot] + b[pivot] * b[pivot])
+    if size == 0.0:
+        return
+    c, s = a[pivot] / size, b[pivot] / size
+    for k in range(stop):
+        i = U(k)
+        x, y = a[i], b[i]
+        a[i] = c * x + s * y
+        b[i] = c * y - s * x
 
 
 @inner
@@ -37,30 +141,20 @@ def scale_columns(at, norms):
         square = dot(column, column, 0, m)
         if LEAST_SQUARE < square < 1.0 / LEAST_SQUARE:
             norms[j] = math.sqrt(square)
-            scale(column, 1.0 / norms[j], 0, m)
+            inverse = 1.0 / norms[j]
+            for i in range(m):
+                column[U(i)] *= inverse
             continue
-        largest = largest_size(column, 0, m)
-        norms[j] = 1.0
+        largest, norms[j] = 0.0, 1.0
+        for i in range(m):
+            largest = max(largest, abs(column[U(i)]))
         if 0.0 < largest < np.inf:
-            divide(column, largest, 0, m)
+            for i in range(m):
+                column[U(i)] /= largest
             norm = math.sqrt(dot(column, column, 0, m))
-            divide(column, norm, 0, m)
+            for i in range(m):
+                column[U(i)] /= norm
             norms[j] = largest * norm
-
-
-@inner
-def swap_columns(at, order, j, k):
-    """Exchange columns j and k of A and their entries in `order`."""
-    if j == k:
-        return
-    a, b = at[j], at[k]
-    for i in range(at.shape[1]):
-        keep = a[i]
-        a[i] = b[i]
-        b[i] = keep
-    number = order[j]
-    order[j] = order[k]
-    order[k] = number
 
 
 @inner
@@ -86,8 +180,12 @@ def qr_factor(at, order, tau, tolerance):
         for j in range(k, n):
             if tau[j] > LARGER * square:
                 best, square = j, tau[j]
-        swap_columns(at, order, k, best)
         tau[best] = tau[k]
+        order[k], order[best] = order[best], order[k]
+        if best != k:
+            a, b = at[k], at[best]
+            for i in range(m):
+                a[i], b[i] = b[i], a[i]
         v = at[k]
         norm = math.sqrt(dot(v, v, k, m))
         if k == 0:
@@ -97,7 +195,8 @@ def qr_factor(at, order, tau, tolerance):
         beta = -math.copysign(norm, v[k])
         tau[k] = (beta - v[k]) / beta
         inverse = 1.0 / (v[k] - beta)
-        scale(v, inverse, k + 1, m)
+        for i in range(k + 1, m):
+            v[U(i)] *= inverse
         v[k] = beta
         reflect(v, tau[k], at, k + 1, at.shape[0], k, m)
         for j in range(k + 1, n):
@@ -108,15 +207,6 @@ def qr_factor(at, order, tau, tolerance):
     for j in range(rank, n):
         tau[j] = 0.0
     return rank
-
-
-@inner
-def place_of(order, column, n):
-    """The place of a column in the pivoted order; -1: it is not there."""
-    for k in range(n):
-        if order[k] == column:
-            return k
-    return -1
 
 
 @inner
@@ -146,12 +236,6 @@ def solve_triangle(at, n, y, x):
         for j in range(k + 1, n):
             s -= at[j, k] * x[j]
         x[k] = s / at[k, k]
-
-
-@inner
-def pivot_ratio(at, rank):
-    """First pivot over last of rank >= 1: a lower bound of the condition number, within a small factor in practice."""
-    return abs(at[0, 0]) / abs(at[rank - 1, rank - 1])
 
 
 @inner

@@ -28,8 +28,7 @@ squares on the active columns and is 0 elsewhere, and `work` holds their factor.
 import numpy as np
 
 from ..kernels import inner
-from .lanes import add_squares, dot, subtract, turn
-from .linsolve import apply_q_transposed, place_of, qr_factor, scale_columns, solve_triangle
+from .linsolve import apply_q_transposed, dot, qr_factor, scale_columns, solve_triangle, subtract, turn
 
 STLS, SR3, SSR, LASSO = range(4)
 
@@ -100,9 +99,12 @@ def leave(q, n, term, order, rows):
 
     Source: Golub & Van Loan, Matrix Computations, 4th ed., 6.5.2.
     """
-    for k in range(place_of(order, term, n), n - 1):
-        order[k] = order[k + 1]
-        turn(rows[k], rows[k + 1], order[k], 3 * q + 1)
+    passed = False
+    for k in range(n - 1):
+        passed = passed or order[k] == term
+        if passed:
+            order[k] = order[k + 1]
+            turn(rows[k], rows[k + 1], order[k], 3 * q + 1)
     order[n - 1] = term
     return n - 1
 
@@ -125,7 +127,8 @@ def variances(q, n, rows, variance):
     for j in range(q):
         variance[j] = 0.0
     for i in range(n):
-        add_squares(variance, rows[i][q:2 * q], 0, q)
+        for j in range(q):
+            variance[j] += rows[i, q + j] * rows[i, q + j]
 
 
 # ---- the solvers
@@ -158,34 +161,13 @@ def solve_stls(q, whole, y, threshold, xi, active, work):
 
 
 @inner
-def solve_ssr(q, whole, y, threshold, xi, active, work):
-    """Stepwise sparse regression (Boninsegna, Nueske & Clementi, J. Chem. Phys. 148, 2018).
+def solve_stepwise(q, whole, y, by_share, least, xi, active, work):
+    """Take out the weakest term at a time and solve again, until none that stays is below `least`.
 
-    Removes the one smallest coefficient below the threshold at a time and solves again.
-    """
-    order, norms, rows = work.order[:], work.norms[:], work.rows[:4 * q * q].reshape((q, 4 * q))
-    active[:] = True
-    if not begin(q, whole, y, xi, work):
-        return -1
-    for gone in range(q + 1):
-        solve(q, q - gone, order, norms, rows, xi)
-        smallest = -1
-        for j in range(q):
-            if active[j] and abs(xi[j]) < threshold and (smallest < 0 or abs(xi[j]) < abs(xi[smallest])):
-                smallest = j
-        if smallest < 0:
-            return gone + 1
-        active[smallest] = False
-        leave(q, q - gone, smallest, order, rows)
-    return q + 1
-
-
-@inner
-def solve_own(q, whole, y, needed, xi, active, work):
-    """Backward elimination: the term that explains least by itself goes, until all that stay explain at least `needed`.
-
-    What a term explains by itself is the square of its coefficient over its entry of (M'M)^-1: by so much the sum of
-    squares grows without it (Draper & Smith, Applied Regression Analysis, the extra sum of squares).
+    by_share  0: the smallest coefficient below a raw threshold goes: stepwise sparse regression (Boninsegna, Nueske &
+    Clementi, J. Chem. Phys. 148, 2018).  1: the term that explains least by itself, the square of its coefficient over
+    its entry of (M'M)^-1: by so much the sum of squares grows without it (Draper & Smith, Applied Regression Analysis,
+    the extra sum of squares): backward elimination.
     """
     order, norms, rows = work.order[:], work.norms[:], work.rows[:4 * q * q].reshape((q, 4 * q))
     active[:] = True
@@ -194,12 +176,12 @@ def solve_own(q, whole, y, needed, xi, active, work):
     for gone in range(q + 1):
         solve(q, q - gone, order, norms, rows, xi)
         variances(q, q - gone, rows, work.weight[:])
-        weakest, least = -1, needed
+        weakest, strength = -1, least
         for j in range(q):
             if active[j]:
-                explained = xi[j] * norms[j] * xi[j] * norms[j] / work.weight[j]
-                if explained < least:
-                    weakest, least = j, explained
+                own = xi[j] * norms[j] * xi[j] * norms[j] / work.weight[j] if by_share == 1 else abs(xi[j])
+                if own < strength:
+                    weakest, strength = j, own
         if weakest < 0:
             return gone + 1
         active[weakest] = False
@@ -308,4 +290,3 @@ def solve_sr3(q, mt, whole, y, threshold, needed, xi, active, work):
         if change == 0.0:
             break
     return SR3_ITERATIONS if refit(q, whole, y, xi, active, work) else -1
-

@@ -5,6 +5,8 @@ are gathered over a block of samples and absorbed into square-root information
 matrices: one per window (with the initial offset, so that only the window's own
 data speak), one for the structure (with forgetting, over many windows), and one
 per block for the tracker.
+
+At a window's close its triangle is solved.
 """
 
 import math
@@ -12,16 +14,27 @@ import math
 import numpy as np
 
 from ..algebra.elementary import exp_of, log_of
-from ..algebra.linsolve import absorb_columns, absorb_rows, apply_q_transposed, qr_factor, solve_triangle
-from ..gate.ring import BETA_CMD, GAMMA, THETA, T
-from ..kernels import inner
+from ..algebra.linsolve import absorb_columns, absorb_rows, apply_q_transposed, carry_columns, qr_factor, solve_triangle
+from ..gate import window as wn
+from ..gate.ring import BETA_CMD, GAMMA, PERIOD, THETA, T, centre_of
+from ..gate.window import knows_nothing, knows_one_direction
+from ..kernels import inner, kernel
 from ..model import N_NOISES
-from .belief import A6, AT_BETA, AT_THETA, BLOCK_SHARE, GYRO_SCALE, K1, OFFSET, SATURATION
-from .disturbances import spread_at
-from .predictor import apply_h, begins_anew, correct, is_lost, is_outlier, predict, start_segment, take_command
-from .states import LEVEL_CLAMPS, N_CHANNELS, N_STATES, RESTARTS, RUNNING
-from .unknown_servo import doubt_of, first_column, note_servo
-from .whiteness import forget_blocks, note_innovation, note_loss
+from . import states as sx
+from .kalman import (
+    OUTLIER,
+    apply_h,
+    begins_anew,
+    correct,
+    innovation,
+    is_lost,
+    predict,
+    spread_at,
+    start_segment,
+    take_command,
+)
+from .servo import doubt_of
+from .whiteness import FOR_A6, FOR_K1, IN_WINDOW, INNOVATION, forget_blocks, note_loss, queue_block
 
 BLOCK = 0.1             # s: the step of tracking, of change detection and of the check; in whole samples, one at least
 WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data is 0 +- 10,000 times its nominal
@@ -39,13 +52,20 @@ BLOCK_ROWS, SAMPLES, BLOCK_GAPS = range(3)
 
 
 @inner
+def span_of(fixed, state):
+    """The block's time [s] and its end [s]."""
+    t_end = state.filter.time[sx.LAST]
+    return t_end - state.acc.start[0] + fixed.limits[PERIOD], t_end
+
+
+@inner
 def clear_window(size, acc):
     """Forget the window's information but for the weak prior on the terms, and what was declared of the servo."""
     acc.window[:, :] = 0.0
     for j in range(size.states, size.states + size.terms):
         acc.window[j, j] = WEAK_PRIOR
     for j in range(size.servo):
-        acc.window[first_column(size) + j, first_column(size) + j] = 1.0
+        acc.window[size.servo_at + j, size.servo_at + j] = 1.0
     set_identity(size, acc.psi)
     acc.counts[SAMPLES] = 0
     acc.counts[BLOCK_GAPS] = 0
@@ -67,15 +87,15 @@ def believe_nuisances(belief, fil, acc, t):
     Nothing else of the past enters a window.
     """
     n, last = belief.size.states, belief.size.sensitivities
-    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
-    for k in range(N_STATES, n):
-        w = 1.0 / np.sqrt(spread_at(belief, fil, k - N_STATES, t))
+    theta, beta = n + belief.size.theta, n + belief.size.beta
+    for k in range(sx.N_STATES, n):
+        w = 1.0 / np.sqrt(spread_at(belief, fil, k - sx.N_STATES, t))
         acc.window[k, k] = w
         for j in range(n, last):
             acc.window[k, j] = w * fil.s[k, j]
-        acc.window[k, last] = w * (fil.s[k, theta] * fil.p_bar[A6] + fil.s[k, beta] * fil.p_bar[K1] - fil.x[k])
+        acc.window[k, last] = w * (fil.s[k, theta] * fil.p_bar[sx.A6] + fil.s[k, beta] * fil.p_bar[sx.K1] - fil.x[k])
         for j in range(belief.size.servo):
-            acc.window[k, last] += w * fil.s[k, first_column(belief.size) + j] * fil.servo.about[j]
+            acc.window[k, last] += w * fil.s[k, belief.size.servo_at + j] * fil.servo.about[j]
 
 
 @inner
@@ -94,25 +114,29 @@ def begin_block(belief, fil, acc):
     n = belief.size.states
     set_identity(belief.size, fil.s[:])
     for i in range(n):
-        acc.s_start[i, A6] = fil.s[i, n + belief.term[AT_THETA]]
-        acc.s_start[i, K1] = fil.s[i, n + belief.term[AT_BETA]]
+        acc.s_start[i, sx.A6] = fil.s[i, n + belief.size.theta]
+        acc.s_start[i, sx.K1] = fil.s[i, n + belief.size.beta]
 
 
-@inner
-def reduce_block(size, acc, rows, work, theta, beta):
-    """Triangles of the block's rows: of all columns, of (offset, theta, beta), and of (theta, beta), state known.
+@kernel
+def reduce_rows(block, rows):
+    """Triangles of the rows gathered: of all columns, of (offset, theta, beta), and of (theta, beta), state known.
 
     rows (c, 3 b)  in  whitened innovations of a block of b samples, column by column; destroyed
     """
-    c, n, width = size.columns, size.states, size.pair
+    fixed, state, work, acc = block[0].fixed, block[0].state, block[0].work.acc, block[0].state.acc
+    size, columns = fixed.belief.size, block[0].work.acc.columns[:]
+    n, c = size.states, size.columns
     work.triangle[:, :] = 0.0
     absorb_rows(work.triangle[:], rows, c, acc.counts[BLOCK_ROWS])
     for j in range(n):
-        work.columns[j] = j
-    work.columns[n], work.columns[n + 1], work.columns[n + 2] = n + theta, n + beta, c - 1
+        columns[j] = j
+    columns[n], columns[n + 1], columns[n + 2] = n + size.theta, n + size.beta, c - 1
     work.pair[:, :] = 0.0
-    absorb_columns(work.pair[:], work.triangle[:], work.columns[:], width, c, work.scratch[:])
+    absorb_columns(work.pair[:], work.triangle[:], columns, size.pair, c, work.scratch[:])
     reduce_pair(size, work)
+    carry_columns(state.filter.s[:], n, acc.psi[:], n, work.column[:])
+    queue_block(state.check, state.filter.level, state.filter.p_bar, state.bank.total)
 
 
 @inner
@@ -142,15 +166,15 @@ def absorb_block(size, acc, work, about):
         for c in range(n, width):
             copy[c, i] = work.triangle[i, c]
         for j in range(size.servo):
-            copy[width - 1, i] += work.triangle[i, first_column(size) + j] * about[j]
+            copy[width - 1, i] += work.triangle[i, size.servo_at + j] * about[j]
     absorb_rows(acc.window[:], copy, width, width)
 
 
 @inner
 def measured(belief, row, channel):
     """theta, theta_dot or beta of a ring row without the sensor errors that are known."""
-    z = row[THETA + channel] - belief.constant[OFFSET + channel]
-    return z / belief.constant[GYRO_SCALE] if channel == 1 else z
+    z = row[THETA + channel] - belief.constant[sx.OFFSET + channel]
+    return z / belief.constant[sx.GYRO_SCALE] if channel == 1 else z
 
 
 @inner
@@ -162,8 +186,8 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
     """
     t = row[T]
     if begins_anew(belief, fil, t, max_gap):
-        acc.counts[BLOCK_GAPS] += int(fil.time[RUNNING])  # a gap, unless it is the first sample of all
-        fil.note[RESTARTS] += int(fil.time[RUNNING])
+        acc.counts[BLOCK_GAPS] += int(fil.time[sx.RUNNING])  # a gap, unless it is the first sample of all
+        fil.note[sx.RESTARTS] += int(fil.time[sx.RUNNING])
         if is_lost(belief, fil):
             note_loss(check, t)
         start_segment(belief, fil, t, measured(belief, row, 0), measured(belief, row, 1), measured(belief, row, 2),
@@ -174,9 +198,9 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
     else:
         predict(belief, profile, air, fil, work, t, row[BETA_CMD], row[GAMMA])
     n, last = belief.size.states, belief.size.sensitivities
-    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
+    theta, beta = n + belief.size.theta, n + belief.size.beta
     for channel in range(3):
-        if np.isnan(row[THETA + channel]) or abs(row[THETA + channel]) >= belief.constant[SATURATION + channel]:
+        if np.isnan(row[THETA + channel]) or abs(row[THETA + channel]) >= belief.constant[sx.SATURATION + channel]:
             continue
         z = measured(belief, row, channel)
         r = belief.variance[channel] * exp_of(2.0 * fil.level[channel])
@@ -184,26 +208,29 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
         doubt, out = 0.0, work.out[:]
         if belief.size.servo > 0:
             apply_h(fil.s[:], channel, partner, out, last)
-            doubt = doubt_of(belief.size, fil.servo, out[first_column(belief.size):])
-        if is_outlier(fil, channel, partner, z, r + doubt):
+            doubt = doubt_of(belief.size, fil.servo, out[belief.size.servo_at:])
+        e, variance = innovation(fil, channel, partner, z)
+        outlier = e * e > OUTLIER * OUTLIER * (variance + (r + doubt))
+        fil.outliers[channel] = fil.outliers[channel] + 1 if outlier else 0
+        fil.note[sx.OUTLIERS] += int(outlier)
+        if outlier:
             continue
-        e, variance = correct(belief.size, fil, work, channel, partner, z, r, acc.score, acc.information)
+        variance += r
+        correct(belief.size, fil, work, channel, partner, e, variance, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
         k = acc.counts[BLOCK_ROWS]
         for j in range(last):
             rows[j, k] = out[j] * scale
-        rows[last, k] = (e + out[theta] * fil.p_bar[A6] + out[beta] * fil.p_bar[K1]) * scale
+        rows[last, k] = (e + out[theta] * fil.p_bar[sx.A6] + out[beta] * fil.p_bar[sx.K1]) * scale
         acc.counts[BLOCK_ROWS] = k + 1
-        note_innovation(check, channel, e * scale, out[theta] * scale, out[beta] * scale)
-        note_servo(belief, check, channel, out, scale)
+        check.mean[channel, INNOVATION] += e * scale
+        check.mean[channel, FOR_A6] += out[theta] * scale
+        check.mean[channel, FOR_K1] += out[beta] * scale
+        check.seen[channel] += 1
+        for j in range(belief.size.servo):
+            check.servo[channel, j] += out[belief.size.servo_at + j] * scale
     acc.counts[SAMPLES] += 1
     take_command(belief.constant, belief.size.servo, fil, row[BETA_CMD])
-
-
-@inner
-def is_full(acc, rows):
-    """Whether the block's rows (c, 3 b) leave no room for another sample's."""
-    return acc.counts[BLOCK_ROWS] > rows.shape[1] - N_CHANNELS
 
 
 @inner
@@ -216,7 +243,7 @@ def left_after(share, left):
 def update_levels(belief, fil, acc, work):
     """One step of Fisher scoring of the log noise levels with the block's score, then clear it."""
     n = belief.size.levels
-    share = belief.constant[BLOCK_SHARE]
+    share = belief.constant[sx.BLOCK_SHARE]
     memory = left_after(share, LEVEL_MEMORY)
     square = work.square[:n * n].reshape((n, n))
     for i in range(n):
@@ -238,7 +265,7 @@ def update_levels(belief, fil, acc, work):
         is_wind = n > N_NOISES and j >= N_NOISES
         most = share * (WIND_STEP if is_wind else LEVEL_STEP_A_BLOCK)
         moved = min(max(work.step[k], -most), most)
-        fil.note[LEVEL_CLAMPS] += int(abs(work.step[k]) > most)
+        fil.note[sx.LEVEL_CLAMPS] += int(abs(work.step[k]) > most)
         if is_wind:
             move_wind_level(n, fil, acc, j, moved)
         else:
@@ -265,7 +292,7 @@ def move_wind_level(levels, fil, acc, j, moved):
 @inner
 def relax_levels(belief, fil, acc):
     """A model that is contradicted teaches nothing about noise: the levels go back towards the declared."""
-    left = left_after(belief.constant[BLOCK_SHARE], LEVEL_RELAXES)
+    left = left_after(belief.constant[sx.BLOCK_SHARE], LEVEL_RELAXES)
     for i in range(belief.size.levels):
         fil.level[i] *= left
         acc.score[i] = 0.0
@@ -279,9 +306,9 @@ def relinearise(belief, fil, a, k):
     """Move the point of linearisation to relative deviations (a, k), and the state with it."""
     n = belief.size.states
     for i in range(n):
-        fil.x[i] += (fil.s[i, n + belief.term[AT_THETA]] * (a - fil.p_bar[A6])
-                     + fil.s[i, n + belief.term[AT_BETA]] * (k - fil.p_bar[K1]))
-    fil.p_bar[A6], fil.p_bar[K1] = a, k
+        fil.x[i] += (fil.s[i, n + belief.size.theta] * (a - fil.p_bar[sx.A6])
+                     + fil.s[i, n + belief.size.beta] * (k - fil.p_bar[sx.K1]))
+    fil.p_bar[sx.A6], fil.p_bar[sx.K1] = a, k
 
 
 @inner
@@ -293,14 +320,159 @@ def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
                        one block of the new parameters does to it, uniformly
     """
     n = belief.size.states
-    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
+    theta, beta = n + belief.size.theta, n + belief.size.beta
     relinearise(belief, fil, before_a, before_k)
     for i in range(n):
-        fil.s[i, theta] -= carried[i, A6]
-        fil.s[i, beta] -= carried[i, K1]
+        fil.s[i, theta] -= carried[i, sx.A6]
+        fil.s[i, beta] -= carried[i, sx.K1]
     for i in range(n):
         for j in range(n):
             slip_i = fil.s[i, theta] * (after_a - before_a) + fil.s[i, beta] * (after_k - before_k)
             slip_j = fil.s[j, theta] * (after_a - before_a) + fil.s[j, beta] * (after_k - before_k)
             fil.p[i, j] += slip_i * slip_j / (12.0 * blocks * blocks)
     relinearise(belief, fil, after_a, after_k)
+
+
+# deviation (f8): standard deviations of theta's and beta's relative deviation, their correlation
+STD_A6, STD_K1, CORR = range(3)
+
+
+@inner
+def begin_columns(size, columns):
+    """Columns of what is solved for first, offset and servo; returns how many."""
+    for j in range(size.states):
+        columns[j] = j
+    for j in range(size.servo):
+        columns[size.states + j] = size.servo_at + j
+    return size.states + size.servo
+
+
+@inner
+def reduce_columns(width, acc, work, r):
+    """Triangle r (m, m) out, at the head of work.scratch, of the first m columns of the window that work.columns
+    names; width columns in all."""
+    m = r.shape[0]
+    r[:, :] = 0.0
+    absorb_columns(r, acc.window[:], work.columns[:], m, width, work.scratch[m * m:])
+
+
+@inner
+def solve_absent(size, acc, work, active, term):
+    """(coefficient, standard deviation) that a term has beside the active ones, or would have, as of `solve_window`."""
+    n, m = size.states, begin_columns(size, work.columns[:])
+    for j in range(size.terms):
+        if active[j] and j != term:
+            work.columns[m] = n + j
+            m += 1
+    work.columns[m], work.columns[m + 1] = n + term, size.sensitivities
+    r = work.scratch[:(m + 2) * (m + 2)].reshape((m + 2, m + 2))
+    reduce_columns(size.columns, acc, work, r)
+    return r[m, m + 1] / r[m, m], 1.0 / abs(r[m, m])
+
+
+@inner
+def solve_window(belief, acc, work, active):
+    """Least squares of the window's active terms on its own data: of offset, servo, active terms, tests.
+
+    active (q,) in
+    work   out  coefficient (theta's and beta's are relative deviations; 0 for inactive terms), deviation (NaN where
+                inactive)
+    Returns by how much the tests would reduce the sum of squares beside the slopes: chi square of two if the model is
+    true.
+    """
+    n = belief.size.states
+    theta, beta = belief.size.theta, belief.size.beta
+    columns, coefficient, deviation = work.columns[:], work.coefficient, work.deviation
+    m = begin_columns(belief.size, columns)
+    for j in range(belief.size.terms):
+        if active[j] and j != theta and j != beta:
+            columns[m] = n + j
+            m += 1
+    if active[theta]:
+        columns[m] = n + theta
+        m += 1
+    if active[beta]:
+        columns[m] = n + beta
+        m += 1
+    for j in range(sx.N_TESTS + 1):
+        columns[m + j] = belief.size.servo_at + belief.size.servo + j
+    m += sx.N_TESTS + 1
+    r = work.scratch[:m * m].reshape((m, m))
+    reduce_columns(belief.size.columns, acc, work, r)
+    coefficient[:] = 0.0
+    last = m - sx.N_TESTS - 2  # of the terms
+    for k in range(last, n + belief.size.servo - 1, -1):
+        value = r[k, m - 1]
+        for j in range(k + 1, last + 1):
+            value -= r[k, j] * coefficient[columns[j] - n]
+        coefficient[columns[k] - n] = value / r[k, k]
+    deviation[:] = np.nan
+    if active[theta] and active[beta]:
+        a, b, c = r[last - 1, last - 1], r[last - 1, last], r[last, last]
+        deviation[STD_A6] = np.sqrt(1.0 + (b / c) * (b / c)) / abs(a)
+        deviation[STD_K1] = 1.0 / abs(c)
+        deviation[CORR] = -(b / abs(c)) / np.sqrt(1.0 + (b / c) * (b / c)) * (1.0 if a > 0.0 else -1.0)
+    elif active[theta]:
+        deviation[STD_A6] = 1.0 / abs(r[last, last])
+    elif active[beta]:
+        deviation[STD_K1] = 1.0 / abs(r[last, last])
+    unexplained = 0.0
+    for k in range(last + 1 + sx.N_SLOPES, m - 1):
+        unexplained += r[k, m - 1] * r[k, m - 1]
+    return unexplained
+
+
+@kernel
+def limit_terms(block, profile):
+    """95 % limits of the terms that were left out of a valid window; an absent a6 or k1 is 0 with the standard
+    deviation that it would have."""
+    belief, state, work, out = block[0].fixed.belief, block[0].state, block[0].work.acc, block[0].state.outcome
+    if out.flag[wn.STATUS] == wn.OK:
+        a6, k1 = sx.profile_at(profile, centre_of(block[0].fixed, state))
+        for j in range(belief.size.terms):
+            is_a6, is_k1 = j == belief.size.theta, j == belief.size.beta
+            if state.active[j] and (is_a6 or is_k1):
+                continue
+            value, std = solve_absent(belief.size, state.acc, work, state.active[:], j)
+            if state.active[j]:
+                out.std[j] = std
+                continue
+            if is_a6:
+                value, std = a6 * (1.0 + value), abs(a6) * std
+                out.number[wn.O_A6_STD] = std
+            elif is_k1:
+                value, std = k1 * (1.0 + value), abs(k1) * std
+                out.number[wn.O_K1_STD] = std
+            out.absent[j] = abs(value) + wn.INTERVAL * std
+
+
+@inner
+def report_window(belief, profile, state, work, t_centre):
+    """Relative deviations into a6, k1 and their standard deviations at the window's centre; returns the status."""
+    out, coefficient = state.outcome, work.coefficient
+    theta, beta = belief.size.theta, belief.size.beta
+    std_a, std_k, correlation = work.deviation[STD_A6], work.deviation[STD_K1], work.deviation[CORR]
+    a6, k1 = sx.profile_at(profile, t_centre)
+    out.number[wn.O_A6_BOUND], out.number[wn.O_K1_BOUND] = abs(a6) * std_a, abs(k1) * std_k
+    out.number[wn.O_CONDITION] = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
+    if knows_nothing(std_a, std_k):
+        return wn.LOW_INFORMATION
+    if state.check.flag[IN_WINDOW] == 1:
+        return wn.MODEL
+    if knows_one_direction(std_a, std_k, correlation):
+        return wn.SEPARATION
+    for j in range(belief.size.terms):
+        out.xi[j, wn.THETA_REPEATS] = coefficient[j]
+        out.support[j, wn.THETA_REPEATS] = state.active[j]
+    out.xi[theta, wn.THETA_REPEATS] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0
+    out.xi[beta, wn.THETA_REPEATS] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
+    out.number[wn.O_A6], out.number[wn.O_K1] = out.xi[theta, wn.THETA_REPEATS], out.xi[beta, wn.THETA_REPEATS]
+    out.number[wn.O_A6_STD], out.number[wn.O_K1_STD] = out.number[wn.O_A6_BOUND], out.number[wn.O_K1_BOUND]
+    if state.active[theta]:
+        out.std[theta] = out.number[wn.O_A6_STD]
+    if state.active[beta]:
+        out.std[beta] = out.number[wn.O_K1_STD]
+    out.number[wn.O_CORRELATION] = correlation if a6 * k1 > 0.0 else -correlation  # a product leaves a NaN's sign open
+    if not np.isfinite(out.number[wn.O_A6] + out.number[wn.O_K1]):
+        return wn.NUMERICS
+    return wn.OK

@@ -1,8 +1,36 @@
-"""Constants of a time step: the servo's transition with its integrals, the rate's and the turbulence's decay."""
+"""The servo: constants of a time step, its transition with its integrals; and one that is not known.
+
+Its natural frequency, damping ratio and delay may be estimated beside a6 and k1.
+
+What is unknown is d, the three numbers' deviations from the nominal's in standard deviations of what was known before
+the flight (`Model.servo_sigma`).  Beside the predictor's state run its derivatives for d, three more of its
+sensitivities: over a step
+
+    s <- F s + R_d (beta, beta_dot, u, c),
+
+with R the servo's response: to its state, to the command u that acts as the step begins, and to the change c of the
+command that is held, `delay` old, from within the step on.  R_d are central differences of R.
+
+So an innovation is linear in d too.  A window has d among its unknowns, as declared before the flight: nothing else of
+the past enters it.  The flight's own estimate is a square-root information about d, prior included, to which each block
+adds what it says beside an a6 and k1 of its own (known to FIRST_STD); nearly all of it is in the nozzle sensor's
+innovations.  Its estimate is what the filter is linearised about, and what is not yet known of it widens what a block
+says of a6 and k1, the outliers' gate and the check of the model.
+
+Assumptions: one servo for the whole flight; the gains' derivatives for d are left out, as those for a6 and k1 are; what
+is left of d is independent from block to block where it widens the tracked a6 and k1, which it hardly moves: beside a
+nozzle sensor an unknown servo costs them less than 1 % (`launchid.bound`).
+"""
+
+import math
+
+import numpy as np
 
 from ..algebra.elementary import exp_of
-from ..kernels import inner
-from .belief import AERO_DAMPING, MISSING, TIME_CONSTANT, TURBULENCE_TIME
+from ..algebra.linsolve import absorb_columns, absorb_rows
+from ..kernels import inner, kernel
+from ..model import SERVO
+from . import states as sx
 
 SERVO_ORDER = 12
 SCALED = 0.25                   # norm of the matrix whose exponential is summed; the remainder is below 1e-17
@@ -19,24 +47,6 @@ KEEP_PLACE = 13  # what is left of the turbulence
 FADE = 14  # what known damping leaves of a rate
 ANGLE_OF_RATE = 15  # s: the angle that a rate of 1 makes over the step
 N_STEP = 16
-
-
-@inner
-def servo_matrix(constant, frequency, damping, h, m):
-    """Generator times h of (double integral, integral, beta, beta_dot / w, u), the servo's own.  m (5, 5) out.
-
-    beta_dot is divided by w, so that the entries are of one size; of a first-order servo, which has none, it is 0.
-    """
-    m[:, :] = 0.0
-    m[0, 1] = h
-    m[1, 1] = 0.0 - h * constant[AERO_DAMPING]
-    m[1, 2] = h
-    if constant[TIME_CONSTANT] > 0.0:
-        m[2, 2], m[2, 4] = -h / constant[TIME_CONSTANT], h / constant[TIME_CONSTANT]
-        return
-    w = frequency * h
-    m[2, 3] = w
-    m[3, 2], m[3, 3], m[3, 4] = -w, -2.0 * damping * w, w
 
 
 @inner
@@ -90,14 +100,20 @@ def set_step(constant, frequency, damping, h, work, step):
     frequency [rad/s], damping  of a second-order servo
     """
     m, total, term, spare = work.taylor[0], work.taylor[1], work.taylor[2], work.taylor[3]
-    servo_matrix(constant, frequency, damping, h, m)
+    m[:, :] = 0.0  # generator times h of (double integral, integral, beta, beta_dot / w, u): entries of one size
+    m[0, 1], m[1, 1], m[1, 2] = h, 0.0 - h * constant[sx.AERO_DAMPING], h
+    if constant[sx.TIME_CONSTANT] > 0.0:
+        m[2, 2], m[2, 4] = -h / constant[sx.TIME_CONSTANT], h / constant[sx.TIME_CONSTANT]
+    else:
+        m[2, 3] = frequency * h
+        m[3, 2], m[3, 3], m[3, 4] = -(frequency * h), -2.0 * damping * (frequency * h), frequency * h
     exponential(m, total, term, spare)
-    w = 1.0 if constant[TIME_CONSTANT] > 0.0 else frequency
+    w = 1.0 if constant[sx.TIME_CONSTANT] > 0.0 else frequency
     step[STEP_PLACE] = h
     step[PHI] = total[2, 2]
     step[PHI + 1] = total[2, 3] / w
     step[PHI + 2] = total[3, 2] * w
-    step[PHI + 3] = total[3, 3] if constant[TIME_CONSTANT] == 0.0 else 0.0
+    step[PHI + 3] = total[3, 3] if constant[sx.TIME_CONSTANT] == 0.0 else 0.0
     step[PATH_PLACE] = total[2, 4]
     step[PATH_PLACE + 1] = total[3, 4] * w
     for j in range(3):
@@ -105,12 +121,311 @@ def set_step(constant, frequency, damping, h, work, step):
         step[J1 + j] = total[1, 2 + j] * scale
         step[J2 + j] = total[0, 2 + j] * scale
     step[FADE], step[ANGLE_OF_RATE] = total[1, 1], total[0, 1]
-    step[KEEP_PLACE] = exp_of(-h / constant[TURBULENCE_TIME])
+    step[KEEP_PLACE] = exp_of(-h / constant[sx.TURBULENCE_TIME])
+
+
+N_SERVO = len(SERVO)
+BY_FREQUENCY, BY_DAMPING, BY_DELAY = range(N_SERVO)
+# number (f8): natural frequency [rad/s], damping ratio, delay [s] believed, and the time step [s] that comes next
+NEXT_STEP = N_SERVO
+# columns of a response: of beta, beta_dot, the command as the step begins, its change within the step
+SERVO_BETA, SERVO_BETA_DOT, SERVO_COMMAND, SERVO_CHANGE = range(4)
+
+SERVO_DIFFERENCE = 1.0e-3  # of a central difference: relative frequency, damping ratio, delay over the sample period
+LEAST_FACTOR, MOST_FACTOR = 0.1, 10.0  # of the nominal's frequency and damping: no filter is linearised about others
+SETTLED_SIGMAS = 0.2    # standard deviations: from an estimate so near the filter need not move
+CURVED = 2.0            # of a move's square: by so much what was learned before counts as wrong; 0.5, the part that is
+# not linear, is too little
+UNSETTLED = 0.2         # share of a block's squares by what is unknown of the servo, beyond which it tells of no noise
 
 
 @inner
-def set_steps(belief, fil, work, frequency, damping, h):
-    """Constants of a time step h [s], and of its last part, in which a command acts that no sample holds."""
-    set_step(belief.constant, frequency, damping, h, work, fil.step)
-    if belief.constant[MISSING] > 0.0:
-        set_step(belief.constant, frequency, damping, belief.constant[MISSING] * h, work, fil.missed)
+def believe_servo(belief, fil):
+    """The three numbers out of the deviations that the filter is linearised about; the next step is set afresh."""
+    number, about, constant = fil.servo.number, fil.servo.about, belief.constant
+    number[BY_FREQUENCY] = constant[sx.FREQUENCY] * (1.0 + belief.servo[BY_FREQUENCY] * about[BY_FREQUENCY])
+    number[BY_DAMPING] = constant[sx.DAMPING] * (1.0 + belief.servo[BY_DAMPING] * about[BY_DAMPING])
+    number[BY_DELAY] = constant[sx.DELAY] + belief.servo[BY_DELAY] * about[BY_DELAY]
+    fil.step[STEP_PLACE] = 0.0
+
+
+# ---- a step
+
+
+@inner
+def fill_response(constant, frequency, damping, h, left, work, step, out):
+    """The effect of beta, beta_dot and command over a step: rows (theta, theta_dot) per unit of k1, beta, beta_dot.
+
+    h, left [s]  in   the step, and what is left of it when the command changes
+    step (N_STEP,), out (4, 4)  out
+    """
+    late = work.late[0]
+    set_step(constant, frequency, damping, h, work, step)
+    set_step(constant, frequency, damping, left, work, late)
+    for j in range(3):
+        out[0, j], out[1, j] = step[J2 + j], step[J1 + j]
+    for i in range(2):
+        out[2 + i, SERVO_BETA], out[2 + i, SERVO_BETA_DOT] = step[PHI + 2 * i], step[PHI + 2 * i + 1]
+        out[2 + i, SERVO_COMMAND], out[2 + i, SERVO_CHANGE] = step[PATH_PLACE + i], late[PATH_PLACE + i]
+    out[0, SERVO_CHANGE], out[1, SERVO_CHANGE] = late[J2 + 2], late[J1 + 2]
+
+
+@inner
+def left_after_switch(belief, fil, h):
+    """The rest of a step h [s] when the command that is held, `delay` old, changes."""
+    delay = fil.servo.number[BY_DELAY]
+    whole = int(delay / belief.constant[sx.CONTROLLER_PERIOD])
+    return max(h - (delay - whole * belief.constant[sx.CONTROLLER_PERIOD]), 0.0)
+
+
+@inner
+def set_slopes(belief, fil, work):
+    """Derivatives of the response for the deviations d, over a sample period: they only weigh the innovations, so
+    other steps have them in proportion."""
+    number, constant = fil.servo.number, belief.constant
+    h, left = constant[sx.CONTROLLER_PERIOD], left_after_switch(belief, fil, constant[sx.CONTROLLER_PERIOD])
+    unit = (constant[sx.FREQUENCY] / number[BY_FREQUENCY], constant[sx.DAMPING], 1.0 / constant[sx.CONTROLLER_PERIOD])
+    for j in range(belief.size.servo):
+        slope = fil.servo.response[1 + j]
+        slope[:, :] = 0.0
+        if belief.servo[j] == 0.0:
+            continue
+        for side in range(2):
+            d = SERVO_DIFFERENCE if side == 0 else -SERVO_DIFFERENCE
+            frequency = number[BY_FREQUENCY] * (1.0 + d) if j == BY_FREQUENCY else number[BY_FREQUENCY]
+            damping = number[BY_DAMPING] + d if j == BY_DAMPING else number[BY_DAMPING]
+            later = d * constant[sx.CONTROLLER_PERIOD] if j == BY_DELAY else 0.0
+            fill_response(constant, frequency, damping, h, max(left - later, 0.0), work, work.late[1], work.moved[:])
+            scale = belief.servo[j] * unit[j] / (2.0 * d)
+            for i in range(sx.N_STATES):
+                for k in range(sx.N_STATES):
+                    slope[i, k] += scale * work.moved[i, k]
+
+
+@kernel
+def set_servo_step(block):
+    """Set the constants of the next time step for the servo as estimated, and its slopes if that moved."""
+    belief, fil, work = block[0].fixed.belief, block[0].state.filter, block[0].work.filter
+    number = fil.servo.number
+    if fil.step[STEP_PLACE] == 0.0:
+        set_slopes(belief, fil, work)
+    h = number[NEXT_STEP]
+    fill_response(belief.constant, number[BY_FREQUENCY], number[BY_DAMPING], h, left_after_switch(belief, fil, h), work,
+                  fil.step, fil.servo.response[0])
+    missing = belief.constant[sx.MISSING]
+    if missing > 0.0:
+        set_step(belief.constant, number[BY_FREQUENCY], number[BY_DAMPING], missing * h, work, fil.missed)
+
+
+@inner
+def drive_servo(belief, fil, work, k1, u, change):
+    """Effect of a unit of each deviation on the state over the step, into work.servo_drive (servo, 4).
+
+    There is none where the command is not known, as between samples slower than the controller: what the nozzle does
+    then says nothing of the servo.
+    """
+    x = fil.x
+    is_known = belief.constant[sx.MISSING] == 0.0 and not np.isnan(change)
+    for j in range(belief.size.servo):
+        response = fil.servo.response[1 + j]
+        ratio = 1.0 if j == BY_DELAY else fil.step[STEP_PLACE] / belief.constant[sx.CONTROLLER_PERIOD]
+        for i in range(sx.N_STATES):
+            effect = ratio * (response[i, SERVO_BETA] * x[2] + response[i, SERVO_BETA_DOT] * x[3]
+                              + response[i, SERVO_COMMAND] * u
+                              + response[i, SERVO_CHANGE] * change)
+            if i < 2:
+                effect *= k1
+            work.servo_drive[j, i] = effect if is_known else 0.0
+
+
+@inner
+def add_change(belief, fil, work, k1, believed_k1, change):
+    """The change of the command within the step, into the state and into beta's drive; then the servo's own drive.
+
+    k1, believed_k1 [1/s^2]  the nominal's, and as believed
+    """
+    at, beta = belief.size.servo_at, belief.size.beta
+    for i in range(sx.N_STATES):
+        for j in range(belief.size.servo):
+            fil.s[i, at + j] += work.servo_drive[j, i]
+        if np.isnan(change):
+            continue
+        effect = fil.servo.response[0, i, SERVO_CHANGE] * change
+        fil.x[i] += believed_k1 * effect if i < 2 else effect
+        if i < 2:
+            work.drive[i, beta] += k1 * effect
+
+
+# ---- what is not known yet
+
+
+@inner
+def doubt_of(size, servo, s):
+    """Variance that what is unknown of the servo adds to what has these sensitivities for it.  s (>=servo,) in"""
+    doubt = 0.0
+    for k in range(size.servo):
+        seen = 0.0
+        for j in range(k + 1):
+            seen += s[j] * servo.root[j, k]
+        doubt += seen * seen
+    return doubt
+
+
+@kernel
+def widen_check(block):
+    """Shrink the block's mean innovations by what the unknown servo adds: it does not contradict the model."""
+    belief, fil, check = block[0].fixed.belief, block[0].state.filter, block[0].state.check
+    for c in range(sx.N_CHANNELS):
+        if check.seen[c] > 0:
+            narrower = 1.0 / math.sqrt(1.0 + doubt_of(belief.size, fil.servo, check.servo[c]) / check.seen[c])
+            for k in range(3):
+                check.mean[c, k] *= narrower
+        for j in range(belief.size.servo):
+            check.servo[c, j] = 0.0
+
+
+@inner
+def widen_pair(belief, fil, work):
+    """The block's triangles for offset, a6 and k1, the servo being what is known of it and no longer as linearised.
+
+    work  AccumulatorWork, pair and block out, triangle in
+    """
+    size, servo = belief.size, fil.servo
+    at, n, c, known = size.servo_at, size.states, size.columns, size.servo
+    width = known + size.pair
+    r, columns = work.scratch[:width * width].reshape((width, width)), work.columns[:]
+    r[:, :] = 0.0
+    for i in range(known):
+        columns[i] = at + i
+        r[i, width - 1] = servo.r[i, known]
+        for j in range(i, known):
+            r[i, j] = servo.r[i, j]
+            r[i, width - 1] -= servo.r[i, j] * servo.about[j]
+    for j in range(n):
+        columns[known + j] = j
+    columns[width - 3], columns[width - 2] = n + belief.size.theta, n + belief.size.beta
+    columns[width - 1] = c - 1
+    absorb_columns(r, work.triangle[:], columns, width, c, work.scratch[width * width:])
+    for i in range(size.pair):
+        for j in range(size.pair):
+            work.pair[i, j] = r[known + i, known + j]
+
+
+# ---- what a block says
+
+
+@inner
+def learn_servo(belief, fil, work):
+    """The block's information about the deviations, beside an a6 and a k1 of its own, joins the flight's.
+
+    work  AccumulatorWork, triangle in
+    """
+    size, servo = belief.size, fil.servo
+    at, n, c, known = size.servo_at, size.states, size.columns, size.servo
+    width = 3 + known
+    r = work.scratch[:width * width].reshape((width, width))
+    rt = work.scratch[width * width:width * (width + c)].reshape((width, c))
+    r[:, :] = 0.0
+    for p in range(2):
+        r[p, p] = 1.0 / sx.FIRST_STD
+        r[p, width - 1] = fil.p_bar[p] / sx.FIRST_STD
+    for i in range(c):
+        rt[sx.A6, i] = work.triangle[i, n + belief.size.theta]
+        rt[sx.K1, i] = work.triangle[i, n + belief.size.beta]
+        rt[width - 1, i] = work.triangle[i, c - 1]
+        for j in range(known):
+            rt[2 + j, i] = work.triangle[i, at + j]
+            rt[width - 1, i] += work.triangle[i, at + j] * servo.about[j]
+    absorb_rows(r, rt, width, c)
+    for j in range(1 + known):
+        work.columns[j] = 2 + j
+    absorb_columns(servo.r[:], r[2:], work.columns[:], 1 + known, 1 + known, work.scratch[width * width:])
+
+
+@inner
+def fade_servo(size, servo, work, keep):
+    """Leave the share `keep` of what the flight has told, beside what was known before it."""
+    n = size.servo
+    if keep == 1.0:
+        return
+    root = math.sqrt(keep)
+    prior = work.scratch[:n * (1 + n)].reshape((1 + n, n))
+    for i in range(n):
+        for j in range(1 + n):
+            servo.r[i, j] *= root
+            prior[j, i] = math.sqrt(1.0 - keep) if i == j else 0.0
+    servo.r[n, n] = 0.0
+    absorb_rows(servo.r[:], prior, 1 + n, n)
+
+
+@inner
+def solve_servo(size, servo):
+    """Estimate and root of its covariance, R^-1, of R d = y."""
+    n, r, root = size.servo, servo.r, servo.root
+    for k in range(n):
+        for i in range(k, -1, -1):
+            value = 1.0 if i == k else 0.0
+            for j in range(i + 1, k + 1):
+                value -= r[i, j] * root[j, k]
+            root[i, k] = value / r[i, i]
+    for i in range(n):
+        servo.mean[i] = 0.0
+        for k in range(i, n):
+            servo.mean[i] += root[i, k] * r[k, n]
+
+
+@inner
+def std_of(size, servo, j):
+    """Standard deviation of a deviation, of that before the flight."""
+    square = 0.0
+    for k in range(j, size.servo):
+        square += servo.root[j, k] * servo.root[j, k]
+    return math.sqrt(square)
+
+
+@inner
+def within_reach(belief, j, d):
+    """The deviation nearest to d that a filter may be linearised about."""
+    sigma, constant = belief.servo[j], belief.constant
+    if sigma == 0.0:
+        return 0.0
+    if j == BY_DELAY:
+        most = (sx.MAX_DELAY_SAMPLES - 2) * constant[sx.CONTROLLER_PERIOD]
+        return min(max(d, -constant[sx.DELAY] / sigma), (most - constant[sx.DELAY]) / sigma)
+    return min(max(d, (LEAST_FACTOR - 1.0) / sigma), (MOST_FACTOR - 1.0) / sigma)
+
+
+@kernel
+def relinearise_servo(block):
+    """The filter is linearised about the flight's estimate, and the state with it, unless it is there already.
+
+    What was learned a move ago from there is wrong by what is not linear in the move: by its square, frequency and
+    damping being relative and the delay in radians of the servo's frequency, times CURVED.  It counts for no more.
+    """
+    belief, fil, work = block[0].fixed.belief, block[0].state.filter, block[0].work.acc
+    size, servo = belief.size, fil.servo
+    at, number, square, far, away = size.servo_at, servo.number, 0.0, 0.0, False
+    for j in range(size.servo):
+        step = within_reach(belief, j, servo.mean[j]) - servo.about[j]
+        away = away or abs(step) > SETTLED_SIGMAS * std_of(size, servo, j)
+    if not away:
+        return
+    time = belief.constant[sx.TIME_CONSTANT]
+    speed = 1.0 / time if time > 0.0 else number[BY_FREQUENCY]
+    unit = (1.0, belief.constant[sx.DAMPING], speed)
+    for j in range(size.servo):
+        if belief.servo[j] == 0.0:
+            continue
+        step = within_reach(belief, j, servo.mean[j]) - servo.about[j]
+        moved = step * belief.servo[j] * unit[j]
+        square += moved * moved
+        for i in range(size.states):
+            fil.x[i] += fil.s[i, at + j] * step
+        servo.about[j] += step
+    for j in range(size.servo):
+        if belief.servo[j] > 0.0:
+            wrong = CURVED * square / (belief.servo[j] * unit[j] * std_of(size, servo, j))
+            far += wrong * wrong
+    fade_servo(size, servo, work, 1.0 / (1.0 + far))
+    solve_servo(size, servo)
+    believe_servo(belief, fil)

@@ -1,4 +1,67 @@
-"""State of the innovations form: x, its covariance, sensitivities, and what runs beside them (`predictor`)."""
+"""The state and the beliefs of the filter: the places of their numbers, and a profile between its nodes."""
+
+from ..kernels import inner
+
+# constant (f8)
+(FREQUENCY, DAMPING, TIME_CONSTANT, DELAY, CONTROLLER_PERIOD, MISSING, HELD, AIRY, TURBULENCE_TIME, GAMMA_STD, LEAN,
+ GYRO_SCALE,
+ COMMAND_GAIN, COMMAND_OFFSET, OFFSET, SATURATION, AERO_DAMPING, BLOCK_SHARE) = (*range(15), 17, 20, 21)
+# MISSING: share of the time between two samples with a command that no sample holds
+# HELD: 1: the gains are the nominal's, whatever a6 and k1 are believed to be (a model with wind levels)
+# AIRY: 1: there is a forecast or a drift;  LEAN: known thrust misalignment
+# OFFSET, SATURATION: known offsets and end stops of theta, theta_dot, beta;  AERO_DAMPING: known, 1/s
+# BLOCK_SHARE: how long a block is over `filtered.BLOCK`: 1 but for whole samples, more where one lasts longer
+N_CONSTANTS = BLOCK_SHARE + 1
+# a relative deviation from the nominal
+A6, K1 = range(2)
+# what is believed of them (f8): means, variances and covariance
+MEAN_A6, MEAN_K1, VAR_A6, COV, VAR_K1 = range(5)
+N_BELIEF = 5
+FIRST_STD = 0.5  # relative: what is known of either before any data
+CHANGE_BLOCKS = 24  # blocks that sudden changes are sought in: 2.4 s at 0.1 s
+# a row of `air` (f8)
+AIR_T, AIR_WIND, AIR_ALPHA, AIR_BETA = range(4)
+N_AIR = 4
+# a row of a profile (f8): time [s], a6, k1 [1/s^2], or the range of both
+NODE_T, NODE_A6, NODE_K1 = range(3)
+N_NODE = 3
+ABSENT = -1
+
+
+@inner
+def place_in(nodes, t):
+    """(row before t [s], row behind it, share of the way) in nodes (n, any), held beyond both ends; a t that is no
+    number is the first node's."""
+    low, high = 0, nodes.shape[0] - 1
+    if nodes.shape[0] == 1 or not t > nodes[0, NODE_T]:
+        return 0, 0, 0.0
+    if t >= nodes[high, NODE_T]:
+        return high, high, 0.0
+    for _ in range(64):  # bisection of at most 2^63 nodes
+        if high - low <= 1:
+            break
+        middle = (low + high) // 2
+        if nodes[middle, NODE_T] <= t:
+            low = middle
+        else:
+            high = middle
+    return low, high, (t - nodes[low, NODE_T]) / (nodes[high, NODE_T] - nodes[low, NODE_T])
+
+
+@inner
+def profile_at(profile, t):
+    """(a6, k1) of a profile (nodes, 3) at t [s], linear between its nodes."""
+    low, high, share = place_in(profile, t)
+    return (profile[low, NODE_A6] + share * (profile[high, NODE_A6] - profile[low, NODE_A6]),
+            profile[low, NODE_K1] + share * (profile[high, NODE_K1] - profile[low, NODE_K1]))
+
+
+@inner
+def air_at(air, column, t):
+    """One column of the air's nodes at t [s], linear between them."""
+    low, high, share = place_in(air, t)
+    return air[low, column] + share * (air[high, column] - air[low, column])
+
 
 N_STATES = 4    # of the vehicle
 N_CHANNELS = 3  # theta, theta_dot, beta
@@ -20,5 +83,3 @@ GAMMA_NOW = 0
 
 # process noise (index of the command's and the acceleration's levels)
 COMMAND_NOISE, ACCELERATION_NOISE = 3, 4
-
-

@@ -11,7 +11,8 @@ import math
 from ..algebra.elementary import exp_of
 from ..algebra.linsolve import absorb_columns
 from ..algebra.sparse import invert, is_regular, leave, solve, variances
-from ..kernels import inner
+from ..kernels import kernel
+from .filtered import span_of
 
 ENTER = 4.5       # t-value: ten terms, two sides, once in 15,000 independent looks by chance
 LEAVE = 3.5
@@ -21,30 +22,29 @@ STRUCTURE_MEMORY = 9.5  # s: forgetting of 0.9 per second
 PRIOR = 1.0e-4    # 1/(raw units): keeps the triangle regular before there are data
 
 
-@inner
-def absorb_structure(size, r, work, dt):
-    """Fade the information r (q+1, q+1) by a block's time dt [s] and add the block's triangle, the state being known.
-
-    work  AccumulatorWork, triangle in
-    """
-    n, rows = size.terms + 1, size.columns
+@kernel
+def learn_structure(block):
+    """Fade the information about the terms by the block's time, and add the block's triangle, the state being known."""
+    fixed, state, work, r = block[0].fixed, block[0].state, block[0].work.acc, block[0].state.learned[:]
+    size, dt = fixed.belief.size, span_of(fixed, state)[0]
+    n = size.terms + 1
     fade = exp_of(-0.5 * dt / STRUCTURE_MEMORY)
     for i in range(n):
         for j in range(n):
             r[i, j] *= fade
-        work.columns[i] = size.states + i if i < n - 1 else rows - 1
-    absorb_columns(r, work.triangle[:], work.columns[:], n, rows, work.scratch[:])
+        work.columns[i] = size.states + i if i < n - 1 else size.columns - 1
+    absorb_columns(r, work.triangle[:], work.columns[:], n, size.columns, work.scratch[:])
 
 
-@inner
-def select_terms(q, r, theta, beta, active, coefficient, work):
-    """Terms of theta_ddot that the accumulated information supports.
+@kernel
+def choose_terms(block):
+    """Terms of theta_ddot that the accumulated information supports, of many.
 
-    q                      terms
-    r      (q+1, q+1) in   square-root information, right-hand side last, theta's and beta's columns relative
-    active (q,) inout      int64, 1 for the terms believed so far; out: believed now
-    coefficient (q,) out   of the last solve;  work Learning
+    Its right-hand side stands last, theta's and beta's columns are relative.
     """
+    belief, state, work = block[0].fixed.belief, block[0].state, block[0].work
+    q, r, active, coefficient = belief.size.terms, state.learned, state.active[:], block[0].work.acc.coefficient[:]
+    theta, beta = belief.size.theta, belief.size.beta
     held, order, norms, variance = work.held[:], work.sparse.order[:], work.sparse.norms[:], work.sparse.weight[:]
     rows = work.sparse.rows[:4 * q * q].reshape((q, 4 * q))
     for j in range(q):

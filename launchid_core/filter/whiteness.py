@@ -31,8 +31,7 @@ import math
 from ..algebra.elementary import erfc_of, exp_of, log_of
 from ..kernels import inner
 from ..model import N_NOISES
-from .belief import A6, CHANGE_BLOCKS, COV, K1, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
-from .states import ACCELERATION_NOISE, N_CHANNELS
+from . import states as sx
 
 WHITENESS_LAGS = 20     # blocks: 2 s at 0.1 s, a quarter period of 8 s
 CHECK_MEMORY = 10.0     # s
@@ -47,7 +46,7 @@ STEADY_WINDOW = 15.0    # 6e-4 a window, were its noise levels known
 FAR_WINDOW = 25.0       # 4e-6
 BLOCK_SIGMAS = 4.0      # standard deviations of a block: a moment's surprise is no habit
 HIGHEST_LEVEL = 2.302585092994046  # ln 10, of the sensors', the command's and the acceleration's noise levels
-MEAN_STATISTIC = float(N_CHANNELS * (WHITENESS_LAGS + 1))  # of white innovations
+MEAN_STATISTIC = float(sx.N_CHANNELS * (WHITENESS_LAGS + 1))  # of white innovations
 MIN_STATISTIC = 1.0e-30  # of a statistic whose logarithm is asked for
 FREEDOM = 30.0          # of the chi square of that mean and of the statistic's variance, 16.3^2: products of normals
 
@@ -73,27 +72,12 @@ INNOVATION, FOR_A6, FOR_K1 = range(3)
 
 
 @inner
-def note_innovation(check, channel, e, for_a6, for_k1):
-    """One normalised innovation and its sensitivities join the block."""
-    check.mean[channel, INNOVATION] += e
-    check.mean[channel, FOR_A6] += for_a6
-    check.mean[channel, FOR_K1] += for_k1
-    check.seen[channel] += 1
-
-
-@inner
-def quiet(level):
-    """Share of the declared noise where there is less: what hides in the declared noise contradicts nothing."""
-    return exp_of(min(level, 0.0))
-
-
-@inner
 def quietest_share(level):
-    """`quiet` of the noise that is loudest for what was declared of it.  level (L,) in"""
+    """Share of the declared noise where there is less, of the noise that is loudest for what was declared of it."""
     highest = level[0]
     for k in range(1, N_NOISES):
         highest = max(highest, level[k])
-    return quiet(highest)
+    return exp_of(min(highest, 0.0))
 
 
 @inner
@@ -106,13 +90,13 @@ def queue_block(check, level, p_bar, total):
     level (L,), p_bar (2,), total (N_BELIEF,)  in  log noise levels, deviations that the innovations are about, the
     belief before the block
     """
-    slot = (check.flag[OLDEST] + check.flag[BLOCKS_WAITING]) % CHANGE_BLOCKS
-    for c in range(N_CHANNELS):
+    slot = (check.flag[OLDEST] + check.flag[BLOCKS_WAITING]) % sx.CHANGE_BLOCKS
+    for c in range(sx.N_CHANNELS):
         e, a, k = check.mean[c, INNOVATION], check.mean[c, FOR_A6], check.mean[c, FOR_K1]
-        e += a * (p_bar[A6] - total[MEAN_A6]) + k * (p_bar[K1] - total[MEAN_K1])
-        variance = check.seen[c] + a * a * total[VAR_A6] + 2.0 * a * k * total[COV] + k * k * total[VAR_K1]
+        e += a * (p_bar[sx.A6] - total[sx.MEAN_A6]) + k * (p_bar[sx.K1] - total[sx.MEAN_K1])
+        variance = check.seen[c] + a * a * total[sx.VAR_A6] + 2.0 * a * k * total[sx.COV] + k * k * total[sx.VAR_K1]
         u = e / math.sqrt(variance) if check.seen[c] > 0 else 0.0
-        u *= quiet(max(level[c], level[ACCELERATION_NOISE]))
+        u *= exp_of(min(max(level[c], level[sx.ACCELERATION_NOISE]), 0.0))  # what hides in it contradicts nothing
         check.pending[slot, c] = min(max(u, -BLOCK_SIGMAS), BLOCK_SIGMAS)
         check.seen[c] = 0
     check.mean[:, :] = 0.0
@@ -139,13 +123,13 @@ def drop_blocks(check, blocks, t):
 def take_block(check, dt):
     """The oldest block has waited long enough: its products join the sums, and the statistic follows.  dt [s]"""
     slot = check.flag[OLDEST]
-    check.flag[OLDEST] = (slot + 1) % CHANGE_BLOCKS
+    check.flag[OLDEST] = (slot + 1) % sx.CHANGE_BLOCKS
     check.flag[BLOCKS_WAITING] -= 1
     fade = exp_of(-dt / CHECK_MEMORY)
     weight = fade * fade * check.number[SUM_WEIGHT] + 1.0
     check.number[SUM_WEIGHT] = weight
     statistic = 0.0
-    for c in range(N_CHANNELS):
+    for c in range(sx.N_CHANNELS):
         u, sums = check.pending[slot, c], check.sums[c]
         sums[MEAN] = fade * sums[MEAN] + u
         statistic += sums[MEAN] * sums[MEAN]
@@ -158,7 +142,7 @@ def take_block(check, dt):
     check.number[STATISTIC] = statistic / weight
     if check.number[STATISTIC] > LARGEST_STATISTIC:
         share = math.sqrt(LARGEST_STATISTIC / check.number[STATISTIC])
-        for c in range(N_CHANNELS):
+        for c in range(sx.N_CHANNELS):
             for lag in range(WHITENESS_LAGS + 1):
                 check.sums[c, lag] *= share
         check.number[STATISTIC] = LARGEST_STATISTIC
@@ -229,19 +213,10 @@ def judge_window(check, level, unexplained, t):
 
 
 @inner
-def watch_model(check, level, undeclared, t, dt):
-    """Take the blocks that have waited and judge the model, after a block; returns True where the model is believed
-    again after it was contradicted beyond chance."""
-    if check.flag[BLOCKS_WAITING] >= CHANGE_BLOCKS:
-        take_block(check, dt)
-    return judge_model(check, level, undeclared, t)
-
-
-@inner
 def forget_blocks(check):
     """The state is unknown again (a gap): what was gathered of a block is dropped, and the past is no neighbour."""
     check.mean[:, :] = 0.0
-    for c in range(N_CHANNELS):
+    for c in range(sx.N_CHANNELS):
         check.seen[c] = 0
     check.servo[:, :] = 0.0
     check.flag[BLOCKS_WAITING] = 0

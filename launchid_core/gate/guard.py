@@ -91,15 +91,6 @@ def is_row_whole(ring, seals, at):
 
 
 @inner
-def are_rows_whole(ring, seals, counts):
-    """Whether the closed window's rows are as they were written."""
-    whole = True
-    for k in range(counts[rb.CLOSED_ROWS]):
-        whole = whole and is_row_whole(ring, seals, rb.place_of_row(counts, ring, k))
-    return whole
-
-
-@inner
 def is_control_whole(state, capacity):
     """Whether clock and counts are as they were left, and within a ring of so many rows."""
     counts = state.counts
@@ -115,21 +106,18 @@ def close_control(state):
 
 
 @inner
-def refuse(limits, counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
-    """Memory is damaged and nothing has been taken: RECOVERED, or why this sample cannot be the first of all."""
-    code = rb.gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
-    if code == rb.ACCEPTED:
-        return rb.RECOVERED
-    counts[rb.COUNT_FIRST + code - rb.BUSY] += 1
-    return code
-
-
-@inner
 def take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
-    """Gate and ring: the sample's Status.  Its row, clock and counts stay as they are until they are used."""
+    """Gate and ring: the sample's Status.  Its row, clock and counts stay as they are until they are used.
+
+    Where memory is damaged nothing is taken: RECOVERED, or why this sample cannot be the first of all.
+    """
     counts = state.counts
     if not is_control_whole(state, ring.shape[0]):
-        return refuse(fixed.limits, counts, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+        code = rb.gate(fixed.limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+        if code == rb.ACCEPTED:
+            return rb.RECOVERED
+        counts[rb.COUNT_FIRST + code - rb.BUSY] += 1
+        return code
     newest = counts[rb.HEAD]
     code = rb.push(fixed.limits, state.clock, counts, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code >= 0:
@@ -143,15 +131,3 @@ def give_up(counts, code):
     """Memory is damaged after the sample was taken and counted as `code`: RECOVERED."""
     counts[rb.COUNT_FIRST + code - rb.BUSY] -= 1
     return rb.RECOVERED
-
-
-# ---- what is carried on
-
-
-@inner
-def fold_rows(rows, columns, count):
-    """Seal of the first `count` numbers of so many columns of a block's rows."""
-    seal = 0
-    for j in range(columns):
-        seal = seal_integer(mixed(seal), fold(rows[j], count), 0)
-    return seal

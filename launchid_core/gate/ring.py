@@ -30,29 +30,21 @@ T_FIRST, T_LAST, T_CANDIDATE, T_CLOSED, TURNED, BEFORE = range(6)
 N_CLOCK = 6
 
 # count (i8)
-(HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, GAPS, WAITING, ESTIMATES, STUCK_ROWS,
- WRAPS) = range(12)
+HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, WAITING, ESTIMATES, STUCK_ROWS, WRAPS = range(11)
 # WAITING: samples in the ring that were not used yet; ESTIMATES: 1 once a window has closed
 # STUCK_ROWS: windows with a sensor that stood still; WRAPS: jumps of theta across +-pi that were undone
-COUNT_FIRST = 12  # count[COUNT_FIRST + status - Status.BUSY] counts that answer
+COUNT_FIRST = 11  # count[COUNT_FIRST + status - Status.BUSY] counts that answer
 N_STATUS = int(Status.RECOVERED) - int(Status.BUSY) + 1
 N_COUNT = COUNT_FIRST + N_STATUS
 N_GUARD = 2  # seals beside those of the rows: guard.CONTROL, guard.CARRIED
 
-ACCEPTED = int(Status.ACCEPTED)
-WINDOW_COMPLETE = int(Status.WINDOW_COMPLETE)
-AFTER_GAP = int(Status.AFTER_GAP)
-CLOCK_RESET = int(Status.CLOCK_RESET)
-RECOVERED = int(Status.RECOVERED)
-NONFINITE = int(Status.NONFINITE)
-RANGE = int(Status.RANGE)
-DT_ZERO = int(Status.DT_ZERO)
-DT_NEGATIVE = int(Status.DT_NEGATIVE)
-BUSY = int(Status.BUSY)
+(ACCEPTED, WINDOW_COMPLETE, AFTER_GAP, CLOCK_RESET, RECOVERED, NONFINITE, RANGE, DT_ZERO, DT_NEGATIVE,
+ BUSY) = map(int, Status)
 
 LAST_SAMPLE = 1.5       # periods: nearer than this to the end, a sample is its window's last
 SAME_INSTANT = 1.0e-6   # periods: stamps closer than this are one instant (rounding of k*period)
 SEAM = 0.5              # rad: a theta that jumps from so near +-pi to so near the other crossed it (50 rad/s at 100 Hz)
+DUE = 64                # beside a status: what waits in the ring is to be used
 HALF_TURN = math.pi
 TURN = 2.0 * math.pi
 RESET_COUNT = 5         # consecutive stamps that agree on an earlier clock before it is believed
@@ -93,17 +85,6 @@ def judge_time(limits, clock, count, t):
 
 
 @inner
-def start_clock(clock, count, t):
-    """Begin window 0 at t."""
-    clock[T_FIRST] = t
-    count[STARTED] = 1
-    count[INDEX] = 0
-    count[ROWS] = 0
-    count[GAPS] = 0
-    count[CANDIDATES] = 0
-
-
-@inner
 def close_window(limits, clock, count, back):
     """Mark the rows of the current window as closed; `back` of the newest ring rows are not its own."""
     clock[T_CLOSED] = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
@@ -138,14 +119,6 @@ def seek_window(limits, clock, count, t):
 
 
 @inner
-def stays_within(limits, clock, count, t):
-    """Whether a sample at t surely closes no window: a later one than the last, and not the window's last."""
-    t_start = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
-    return (count[STARTED] == 1 and clock[T_LAST] < t and t + LAST_SAMPLE * limits[PERIOD] <= t_start + limits[WINDOW]
-            and not is_past(limits, clock, count, t))
-
-
-@inner
 def unwrap(clock, count, theta, anew):
     """theta [rad] with the whole turns that a jump across +-pi hides; `anew`: turns before a gap are not known."""
     before = clock[BEFORE]
@@ -177,7 +150,8 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
         return code
     first = count[STARTED] == 0
     if first or code == CLOCK_RESET:
-        start_clock(clock, count, t)
+        clock[T_FIRST], count[STARTED] = t, 1  # window 0 begins
+        count[INDEX], count[ROWS], count[CANDIDATES] = 0, 0, 0
     complete = seek_window(limits, clock, count, t)
 
     head = count[HEAD]

@@ -46,17 +46,6 @@ def longest_run(ring, counts, column, stop):
 
 
 @inner
-def improbable(share, run):
-    """Whether a run of so many repeats is no accident where this share of samples are repeats."""
-    chance = 1.0
-    for _ in range(run):
-        chance *= share
-        if chance < IMPROBABLE:
-            return run >= MIN_REPEATS
-    return False
-
-
-@inner
 def contradiction(ring, counts, column, first, last):
     """The motion of a channel, by its neighbour, while its value stood still, rows `first` to `last` [its unit]."""
     begin, end = ring[place_of_row(counts, ring, first)], ring[place_of_row(counts, ring, last)]
@@ -80,8 +69,11 @@ def is_stuck(ring, counts, learned, column, stop):
     """
     run, last, repeats, smallest = longest_run(ring, counts, column, stop)
     rows = counts[rb.CLOSED_ROWS]
-    outside = (repeats - run + 1.0) / (rows - run + 1.0)
-    if learned[SMALLEST_STEP] > 0.0 and improbable(max(outside, learned[REPEAT_SHARE]), run):
+    share, chance = max((repeats - run + 1.0) / (rows - run + 1.0), learned[REPEAT_SHARE]), 1.0
+    if run >= MIN_REPEATS:
+        for _ in range(run):
+            chance *= share
+    if learned[SMALLEST_STEP] > 0.0 and chance < IMPROBABLE:
         if contradiction(ring, counts, column, last - run, last) > QUANTUM_STEPS * learned[SMALLEST_STEP]:
             return True
     if rows > 1:
@@ -92,9 +84,11 @@ def is_stuck(ring, counts, learned, column, stop):
 
 
 @inner
-def stands_still(ring, counts, learned, stop_theta, stop_theta_dot, stop_beta):
-    """Whether any channel stood still in the closed window; counted.  learned (3, 2) inout"""
-    stops = (stop_theta, stop_theta_dot, stop_beta)
+def stands_still(ring, counts, learned, stops):
+    """Whether any channel stood still in the closed window; counted.
+
+    learned (3, 2) inout;  stops (>=3,)  in  the end stops of theta, theta_dot, beta
+    """
     stuck = False
     for k in range(N_WATCHED):
         stuck = is_stuck(ring, counts, learned[k], THETA + k, stops[k]) or stuck

@@ -16,17 +16,7 @@ N_WINDOW_NUMBERS = 11
 STATUS, USED, GAPS_SEEN = range(3)
 N_WINDOW_FLAGS = 3
 
-# a window's EstimateStatus
-OK = int(EstimateStatus.OK)
-SHORT = int(EstimateStatus.SHORT)
-GAP = int(EstimateStatus.GAP)
-RANK = int(EstimateStatus.RANK)
-SATURATED = int(EstimateStatus.SATURATED)
-NUMERICS = int(EstimateStatus.NUMERICS)
-LOW_INFORMATION = int(EstimateStatus.LOW_INFORMATION)
-MODEL = int(EstimateStatus.MODEL)
-SEPARATION = int(EstimateStatus.SEPARATION)
-STUCK = int(EstimateStatus.STUCK)
+OK, SHORT, GAP, RANK, LOW_INFORMATION, SATURATED, NUMERICS, MODEL, SEPARATION, STUCK, _ = map(int, EstimateStatus)
 
 INTERVAL = 1.96        # standard deviations of a 95 % limit
 UNKNOWN_STD = 1.0      # relative standard deviation of both: a window says nothing of a6 and k1

@@ -10,32 +10,30 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from .. import cache
+from .. import cache, checkpoint
 from ..algebra.compress import first_state
 from ..config import Config
+from ..filter import filtered, servo, structure
+from ..gate import ring as rb
 from ..regression import regression
 from ..sample import Sample
-from . import block, onboard
-from .assembly import Memory, allocate
-from .memory import dtype_of
-from .table import FILTERED, Struct
+from ..watch import undeclared
+from . import onboard
+from .memory import Memory, allocate, dtype_of
+from .table import CARRIED_FROM, FILTERED, SEPARATE_ARRAYS, Struct
 
 _numba: Any = numba
-NUMBER_TYPES = {**dict.fromkeys((*Sample._fields, "still"), _numba.float64),
-                # of the entries' arguments; every other is an integer
-                **dict.fromkeys(("stuck", "known"), _numba.boolean)}
+NUMBERS = (*Sample._fields, "still")  # arguments of the entries that are floats; every other number is an integer
 
 FILTERED_ENTRIES = (
-    onboard.push_sample, block.is_block_whole, block.gather, block.reduce_rows, block.estimate_undeclared_wind,
-    block.track_block, block.detect_change, block.use_rows, block.end_block, onboard.look_at_sensors,
-    onboard.solve_closed, onboard.begin_next_window, onboard.abandon_window, onboard.seal_block, onboard.drop_sample,
-    onboard.restart_filtered, onboard.report_now)
-STRUCTURE_ENTRIES = (block.learn_structure, onboard.choose_terms, onboard.limit_terms)
+    onboard.push_sample, onboard.check_block, onboard.gather, filtered.reduce_rows, undeclared.follow_undeclared,
+    onboard.track_block, onboard.detect_change, onboard.use_rows, onboard.end_block, onboard.solve_closed,
+    onboard.begin_next_window, onboard.abandon_window, onboard.seal_block, onboard.restart_filtered, onboard.report_now)
+STRUCTURE_ENTRIES = (structure.learn_structure, structure.choose_terms, filtered.limit_terms)
 RANGE_ENTRIES = (onboard.follow_range,)
-SERVO_ENTRIES = (block.set_servo_step, block.widen_check_by_servo, block.update_servo, block.relinearise_servo)
-REGRESSION_ENTRIES = (regression.push_sample, regression.restart_regression)
-SOLVER_ENTRIES = {"stls": regression.end_by_threshold, "sr3": regression.end_relaxed,
-                  "ssr": regression.end_stepwise, "lasso": regression.end_by_lasso}
+SERVO_ENTRIES = (servo.set_servo_step, servo.widen_check, onboard.update_servo, servo.relinearise_servo)
+REGRESSION_ENTRIES = (regression.push_sample, regression.open_window, regression.end_window,
+                      regression.restart_regression)
 
 
 class Calls(NamedTuple):
@@ -56,22 +54,13 @@ def entries_of(config: Config, memory: Memory) -> tuple[Any, ...]:
     if memory.struct is FILTERED:
         return (FILTERED_ENTRIES + STRUCTURE_ENTRIES * memory.size.structured + RANGE_ENTRIES * memory.size.ranged
                 + SERVO_ENTRIES * (memory.size.servo > 0))
-    form = regression.open_integral if memory.size.integral else regression.open_pointwise
-    relaxed = config.solver in ("sr3", "lasso")
-    by_share = memory.size.by_share and not relaxed
-    return (*REGRESSION_ENTRIES, form, regression.end_by_share if by_share else SOLVER_ENTRIES[config.solver])
+    return *REGRESSION_ENTRIES, regression.relax if config.solver in ("sr3", "lasso") else regression.eliminate
 
 
 @functools.cache
 def block_type(struct: Struct) -> Any:
     """numba's type of an estimator's block, which it takes a tenth of a second to make."""
     return _numba.typeof(np.zeros(1, dtype_of(struct)))
-
-
-@functools.cache
-def parameters_of(function: Callable[..., Any]) -> tuple[str, ...]:
-    """Names of the arguments."""
-    return tuple(inspect.signature(function).parameters)
 
 
 def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
@@ -82,8 +71,8 @@ def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
         for entry in entries:
             if not hasattr(entry, "py_func"):  # nothing is compiled
                 continue
-            kinds = tuple(types.get(name) or NUMBER_TYPES.get(name, _numba.int64)
-                          for name in parameters_of(entry.py_func))
+            kinds = tuple(types.get(name) or (_numba.float64 if name in NUMBERS else _numba.int64)
+                          for name in inspect.signature(entry.py_func).parameters)
             if kinds not in entry.signatures:
                 entry.disable_compile(False)
                 entry.compile(kinds)
@@ -126,3 +115,75 @@ def calls_of(config: Config, memory: Memory) -> Calls:
         begin()
 
     return Calls(partial(update, memory.size, seen, words, *apart.values()), restart, report)
+
+
+class Port(NamedTuple):
+    """An estimator before its first sample, for a port to another language.
+
+    memory   its arrays by name (`parts`, `apart`) and the table that they come from
+    apart    of each array that stands apart, its part: `fixed`, `state` or `work`
+    carried  first line of the state that is sealed, with all after it
+    update   function of the memory and a Sample -> Status
+    report   function of the memory, filling the report; None for the formulations without one
+    seal     function of state, its words and rows -> seal of what is carried on; None where it is `guard.fold_words`
+    preface  what a saved state begins with; behind it the words of what persists, least byte first, and the CRC-32 of
+             all before (`Estimator.save`)
+    saved_bytes  of a saved state
+    """
+
+    memory: Memory
+    apart: dict[str, str]
+    carried: str
+    update: Callable[..., Any]
+    report: Callable[..., Any] | None
+    seal: Callable[..., Any] | None
+    preface: bytes
+    saved_bytes: int
+
+
+def port_of(config: Config) -> Port:
+    """Memory and functions of a configuration."""
+    memory = allocate(config)
+    calls_of(config, memory).restart()
+    saved = checkpoint.preface(config, memory), len(checkpoint.save(config, memory))
+    name = memory.struct.name
+    apart, carried = {line[0]: line[1] for line in SEPARATE_ARRAYS[name]}, CARRIED_FROM[name]
+    if memory.struct is FILTERED:
+        return Port(memory, apart, carried, onboard.update_filtered, onboard.report_now, onboard.seal_carried, *saved)
+    return Port(memory, apart, carried, regression.update_regression, None, None, *saved)
+
+
+def table_of(samples: Any) -> np.ndarray:
+    """Samples as (n, 7) float64, the fields of `Sample` in their order; ValueError for another shape."""
+    table = np.ascontiguousarray(samples if isinstance(samples, np.ndarray) else list(samples), np.float64)
+    if table.size == 0:
+        return np.zeros((0, rb.N_COLUMNS))
+    if table.ndim != 2 or table.shape[1] != rb.N_COLUMNS:
+        raise ValueError(f"samples of shape {table.shape}: expected (n, {rb.N_COLUMNS}), the fields of Sample: "
+                         f"{', '.join(Sample._fields)}")
+    return table
+
+
+def loop_of(memory: Memory) -> Callable[[np.ndarray, int], tuple[int, int]]:
+    """The loop of an estimator over samples, for whole logs: with the kernels and the arguments of `update`, so the
+    same bits.  It takes rows of a table from a row on; returns the row after the last taken, and WINDOW_COMPLETE or
+    RECOVERED where that one answered so, else ACCEPTED.
+    """
+    seen, apart = memory.seen, memory.apart
+    if memory.struct is FILTERED:
+        push = partial(onboard.push_until_due, seen, apart["ring"], apart["seals"], apart["rows"])
+        close: Callable[..., int] = onboard.process_samples
+    else:
+        push = partial(regression.push_until_due, seen, apart["ring"], apart["seals"])
+        close = regression.close_window
+
+    def take(table: np.ndarray, at: int) -> tuple[int, int]:
+        while at < len(table):
+            at, code = push(table, at)
+            if code >= rb.DUE:
+                code = close(memory.size, seen, memory.words, *apart.values(), code - rb.DUE)
+            if code in (rb.WINDOW_COMPLETE, rb.RECOVERED):
+                return at, code
+        return at, rb.ACCEPTED
+
+    return take

@@ -1,22 +1,34 @@
-"""The memory that an estimator's table describes: the structured type of its block, views by name, what is sealed."""
+"""The memory of an estimator: the structured type of its table, views by name, what is sealed, and its numbers before
+the first sample.  Nothing is compiled here.
+"""
 
 import math
 from collections import namedtuple
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 
-from .table import CARRIED_FROM, I8, LARGEST_SIZE, STATE, Extent, Grown, Size, Struct
+from ..algebra.library import centred_variables, default_own_share, term_codes
+from ..choices import SOLVERS
+from ..config import Config
+from ..filter import states as sx
+from ..filter.filtered import BLOCK, LEVEL_PRIOR, WIND_PRIOR
+from ..gate import ring as rb
+from ..model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, WIND_NOISES, Model
+from ..regression import rows as pl
+from . import table as tb
+from .table import CARRIED_FROM, FIXED, I8, LARGEST_SIZE, STATE, Extent, Size, Struct
 
 
-def extents(shape: tuple[Extent, ...], size: Size | Grown) -> tuple[int, ...]:
+def extents(shape: tuple[Extent, ...], size: Mapping[str, int]) -> tuple[int, ...]:
     """Shape of an array, as much of it as is in use."""
     def of(extent: Extent) -> int:
         if isinstance(extent, tuple):
             return math.prod(of(each) for each in extent)
-        return extent if isinstance(extent, int) else int(getattr(size, extent))
+        return extent if isinstance(extent, int) else size[extent]
 
     return tuple(of(each) for each in shape)
 
@@ -25,7 +37,7 @@ def extents(shape: tuple[Extent, ...], size: Size | Grown) -> tuple[int, ...]:
 def dtype_of(struct: Struct) -> "np.dtype[Any]":
     """The structured type of a struct, with the extents of LARGEST_SIZE."""
     return np.dtype([(line.name, dtype_of(line.kind), ()) if isinstance(line.kind, Struct)
-                     else (line.name, line.kind, extents(line.shape, LARGEST_SIZE)) for line in struct.lines],
+                     else (line.name, line.kind, extents(line.shape, LARGEST_SIZE._asdict())) for line in struct.lines],
                      align=True)
 
 
@@ -45,8 +57,8 @@ def members_of(struct: Struct) -> type[tuple[Any, ...]]:
     return made
 
 
-def members(struct: Struct, block: np.ndarray, size: Size | None = None) -> Any:
-    """Views of a block (1,) by their names: whole arrays, or with a size as much as is in use.
+def members(struct: Struct, block: np.ndarray, size: Size) -> Any:
+    """Views of a block (1,) by their names, as much as is in use.
 
     Numbers of `Size` are integers; everything else is a view, in which Python reads and writes the same memory.
     """
@@ -58,7 +70,7 @@ def members(struct: Struct, block: np.ndarray, size: Size | None = None) -> Any:
         elif not line.shape:
             values.append(int(part[0]))
         else:
-            values.append(part[0] if size is None else part[0][tuple(slice(n) for n in extents(line.shape, size))])
+            values.append(part[0][tuple(map(slice, extents(line.shape, size._asdict())))])
     return members_of(struct)(*values)
 
 
@@ -69,3 +81,157 @@ def named_arrays(value: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray
     elif isinstance(value, tuple):
         for name, each in zip(value._fields, value, strict=True):  # type: ignore[attr-defined]
             yield from named_arrays(each, f"{prefix}.{name}" if prefix else name)
+
+
+class Memory(NamedTuple):
+    """All that an estimator has.
+
+    size     how much of it is in use
+    struct   the table of its block
+    block    (1,) of the structured type
+    words    of the block what is carried on, seen as int64
+    parts    its arrays by name, as much as is in use
+    apart    by name, what grows with the window, the rate or a profile
+    """
+
+    size: Size
+    struct: Struct
+    block: np.ndarray
+    words: np.ndarray
+    parts: Any
+    apart: dict[str, np.ndarray]
+
+    @property
+    def seen(self) -> Any:
+        """The block as kernels take it: the array, or its members where nothing is compiled."""
+        return (self.parts,) if numba.config.DISABLE_JIT else self.block  # type: ignore[attr-defined]
+
+    def state_arrays(self) -> list[tuple[str, np.ndarray]]:
+        """The arrays that persist between samples, by name, in the order in which they are saved."""
+        apart = [(name, self.apart[name]) for name, part, *_ in tb.SEPARATE_ARRAYS[self.struct.name] if part == STATE]
+        return [*named_arrays(self.parts.state, STATE), *apart]
+
+
+def size_of(config: Config) -> Size:
+    """The sizes of the memory that a configuration uses."""
+    model = config.model
+    q = len(config.terms)
+    if config.formulation == "filtered":
+        assert model is not None
+        return tb.size_of(q, len(model.nuisances), len(model.levels), len(model.servo_sigma),
+                          config.terms.index("theta"), config.terms.index("beta"), structured=int(q > 2),
+                          ranged=int(bool(model.sigma_t)))
+    return tb.size_of(q, integral=int(config.formulation == "integral"), solver=SOLVERS.index(config.solver),
+                      by_share=int(_thresholds(config)[pl.OWN_SHARE] > 0.0))
+
+
+def _extents_apart(config: Config, size: Size) -> dict[str, int]:
+    """The extents of what stands apart."""
+    grown = {"held": config.rows + 1, "window": config.rows, "kept": config.kept_rows}
+    if config.model is not None:
+        grown |= {"innovations": sx.N_CHANNELS * block_samples(config), "nodes": len(config.model.profile_t),
+                  "air_nodes": max(1, len(_air_times(config.model))), "range_nodes": len(config.model.sigma_t)}
+    return size._asdict() | grown
+
+
+def allocate(config: Config) -> Memory:
+    """Memory for a configuration, with what never changes in flight; what persists is zero."""
+    size = size_of(config)
+    struct = tb.FILTERED if config.formulation == "filtered" else tb.REGRESSION
+    block, grown = np.zeros(1, dtype_of(struct)), _extents_apart(config, size)
+    fixed = block[FIXED]["belief"] if struct is tb.FILTERED else block[FIXED]
+    for name, number in size._asdict().items():
+        fixed["size"][name] = number
+    apart = {name: np.zeros(extents(shape, grown), kind) for name, _, kind, shape,
+             _ in tb.SEPARATE_ARRAYS[struct.name]}
+    memory = Memory(size, struct, block, carried_words(struct, block), members(struct, block, size), apart)
+    limits = memory.parts.fixed.limits
+    limits[rb.PERIOD], limits[rb.WINDOW], limits[rb.MAX_GAP] = config.sample_period, config.window, config.max_gap
+    limits[rb.LIMIT_FIRST:] = (config.t_limit, config.theta_limit, config.theta_dot_limit, config.beta_limit,
+                               config.theta_ddot_limit, config.beta_cmd_limit, config.gamma_limit)
+    if config.model is not None and struct is tb.FILTERED:
+        _fill_filtered(config, config.model, memory)
+    else:
+        _fill_regression(config, memory.parts.fixed)
+    return memory
+
+
+def enough(config: Config) -> int:
+    """Rows below which a window is SHORT: half of what it keeps, and two more than there are terms."""
+    return max(len(config.terms) + 2, (config.kept_rows + 1) // 2)
+
+
+def block_samples(config: Config) -> int:
+    """Samples of a block: BLOCK in whole ones, one at least, and no more than a window has."""
+    return min(max(math.floor(BLOCK / config.sample_period + 0.5), 1), config.rows)
+
+
+def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
+    belief, option = memory.parts.fixed.belief, memory.parts.fixed.option
+    profile, sigma = memory.apart["profile"], memory.apart["sigma"]
+    profile[:] = np.transpose([model.profile_t, model.profile_a6, model.profile_k1])
+    sigma[:] = np.transpose([model.sigma_t, model.sigma_a6, model.sigma_k1])
+    belief.constant[:] = (model.natural_frequency, model.damping_ratio, model.time_constant, model.delay,
+                          config.sample_period, config.missing_commands,
+                          float(model.walk > 0.0 or model.turbulence > 0.0),
+                          float(bool(_air_times(model))), model.turbulence_time, model.gamma_std, model.known_lean,
+                          model.gyro_scale, model.command_gain, model.command_offset,
+                          model.known_theta, model.known_theta_dot, model.known_beta,
+                          config.theta_saturation, config.theta_dot_saturation, config.beta_saturation,
+                          model.known_damping, block_samples(config) * config.sample_period / BLOCK)
+    belief.variance[:] = model.variances(config.sample_period)
+    belief.prior[:], belief.prior[N_NOISES:] = LEVEL_PRIOR, WIND_PRIOR
+    _fill_nuisances(model, belief, memory.apart["air"])
+    belief.servo[:] = model.servo_sigma
+    belief.codes[:] = term_codes(config.terms)
+    option[pl.ESTIMATE_LEVELS], option[pl.LEAST_SAMPLES] = int(config.noise == "estimated"), enough(config)
+
+
+def _air_times(model: Model) -> tuple[float, ...]:
+    """Nodes at which forecast or drift are given; none without them."""
+    return tuple(sorted({*model.forecast_t, *model.drift_t}))
+
+
+def _fill_nuisances(model: Model, belief: Any, air: np.ndarray) -> None:
+    """The disturbances' parts of what is believed."""
+    times, levels = _air_times(model), model.levels
+    if times:
+        air[:, sx.AIR_T] = times
+        for column, nodes, values in ((sx.AIR_WIND, model.forecast_t, model.forecast),
+                                      (sx.AIR_ALPHA, model.drift_t, model.drift_alpha),
+                                      (sx.AIR_BETA, model.drift_t, model.drift_beta)):
+            if nodes:
+                air[:, column] = np.interp(times, nodes, values)
+    belief.partner[:] = sx.ABSENT
+    for k, role in enumerate(model.nuisances):
+        belief.role[k], belief.spread[k], belief.level[k] = role, model.spread(role), sx.ABSENT
+        if role < MISALIGNMENT and WIND_NOISES[role] in levels:
+            belief.level[k] = levels.index(WIND_NOISES[role])
+        if role > ATTITUDE_BIAS:
+            belief.partner[role - ATTITUDE_BIAS] = sx.N_STATES + k
+
+
+def _thresholds(config: Config) -> tuple[float, float]:
+    """RAW and OWN_SHARE: what a term must exceed to stay, one of them 0."""
+    if config.threshold is None:
+        return 0.0, default_own_share(config.terms)
+    return config.threshold, 0.0
+
+
+def _fill_regression(config: Config, fixed: Any) -> None:
+    def place(term: str) -> int:
+        return config.terms.index(term) if term in config.terms else -1
+
+    fixed.codes[:] = term_codes(config.terms)
+    fixed.centred[:] = centred_variables(fixed.codes)
+    plan = fixed.plan
+    plan[pl.KEEP], plan[pl.ENOUGH] = config.kept_rows, enough(config)
+    plan[pl.TERM_A6], plan[pl.TERM_K1] = place("theta"), place("beta")
+    plan[pl.TERM_A6_DOT], plan[pl.TERM_K1_DOT] = place("tau*theta"), place("tau*beta")
+    plan[pl.MEASURED] = int(config.formulation == "measured")
+    plan[pl.TERMS_HELD] = int(config.beta_held)
+    fixed.threshold[:] = _thresholds(config)
+    plan[pl.SPARSE] = int(any(fixed.threshold) or config.solver in ("sr3", "lasso"))
+    fixed.saturation[:] = math.inf
+    fixed.saturation[rb.THETA], fixed.saturation[rb.THETA_DOT] = config.theta_saturation, config.theta_dot_saturation
+    fixed.saturation[rb.BETA] = config.beta_saturation

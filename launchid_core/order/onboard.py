@@ -9,29 +9,278 @@ as in C.  What a configuration does without (structure, range) is in entries of 
 
 import numpy as np
 
-from ..algebra.elementary import exp_of
-from ..filter.belief import AT_BETA, AT_THETA, COV, FIRST_STD, MEAN_A6, MEAN_K1, SATURATION, VAR_A6, VAR_K1
-from ..filter.disturbances import let_offsets_wander
-from ..filter.filtered import BLOCK_GAPS, BLOCK_ROWS, SAMPLES, clear_window
-from ..filter.fit import limit_absent, report_window, solve_window
-from ..filter.states import LAST, N_CHANNELS, RUNNING
-from ..filter.structure import PRIOR, select_terms
-from ..filter.unknown_servo import restart_servo
-from ..filter.whiteness import IN_WINDOW, WHITENESS_RAISED, contradict, judge_window, likelihood_of_chance
+from ..algebra.elementary import exp_of, log_of
+from ..filter import filtered as fl
+from ..filter import servo as sv
+from ..filter import states as sx
+from ..filter import whiteness as wh
+from ..filter.kalman import begins_anew, spread_at
+from ..filter.structure import PRIOR, choose_terms, learn_structure
+from ..gate import guard as gd
 from ..gate import ring as rb
-from ..gate.guard import CARRIED, close_control, give_up, take_sample
+from ..gate import window as wn
+from ..gate.guard import fold_words, mixed, seal_integer
 from ..gate.stuck import stands_still
-from ..gate.window import GAP, GAPS_SEEN, O_WHITENESS, OK, SHORT, STATUS, STUCK, USED, clear_outcome
 from ..kernels import inner, kernel
-from ..regression.plan import LEAST_SAMPLES
-from ..watch.report import report_air, report_changes, report_level, report_servo, report_tracked
-from ..watch.tracker import MEMBERS, restart_bank
+from ..model import TURBULENCE
+from ..regression.rows import ESTIMATE_LEVELS, LEAST_SAMPLES
+from ..watch import changes as ch
+from ..watch import gusts as gu
+from ..watch import report as rp
+from ..watch import tracker as tr
+from ..watch import undeclared as un
 from ..watch.uncertainty import close_range, restart_gauge, watch_range
-from ..watch.undeclared import restart_undeclared
-from .block import NOTHING, SET_STEP, begin_window, close_block, gather, is_block_whole, seal_carried, set_servo_step
+
+OFFSET_TIME = 6000.0  # s: in it an offset may change by its whole spread, one sigma; by 11 % in 70 s
+NOTHING, CLOSE, SET_STEP = range(3)  # what is to be done after `gather`
+
+
+@inner
+def restate_declared(belief, fil, bank, work, dt):
+    """Tell the quick member again what is declared of the constants that nobody knows.
+
+    A constant offset is tied to the deviations p, x + s (p - p_bar), by the data that do not tell them apart; as the
+    member lets p wander over SLOPE_TIME, it would take the offset along, beyond anything declared.
+    """
+    n, quickest = belief.size.states, len(tr.MEMBERS) - 1
+    theta, beta = n + belief.size.theta, n + belief.size.beta
+    for k in range(sx.N_STATES, n):
+        role = belief.role[k - sx.N_STATES]
+        if role == TURBULENCE:
+            continue
+        variance = spread_at(belief, fil, k - sx.N_STATES, fil.time[sx.LAST])
+        known = 1.0 - fil.p[k, k] / variance
+        if not known > 0.0:
+            continue
+        w = np.sqrt(known / variance * dt / tr.SLOPE_TIME)
+        z = w * (fil.s[k, theta] * fil.p_bar[sx.A6] + fil.s[k, beta] * fil.p_bar[sx.K1] - fil.x[k])
+        tr.absorb(bank.mean[quickest], bank.covariance[quickest], work, w * fil.s[k, theta], w * fil.s[k, beta], z)
+    if n > sx.N_STATES:
+        tr.mix(bank)
+
+
+@inner
+def accept_gust(belief, state, factor, dt):
+    """Let the filter take over wind that has likely begun; returns whether it has.
+
+    It has if it explains the blocks as well as a jump: in the mixture it has paid for being rare, the jump, whose log
+    Bayes factor against the mixture is `factor`, has not.  It may have been a loss of k1 after all, which a quiet loop
+    tells no better from a gust: k1 is open as after an alarm, so that the tracked estimate follows it and says that it
+    is not known.
+    """
+    gust = state.gust
+    a, k = belief.size.gust - 2, belief.size.gust - 1
+    if belief.size.gust == 0 or gust.number[0] <= gu.GUST_PROBABILITY or factor >= log_of(gu.MEAN_CALM / dt):
+        return False
+    gu.take_gust(belief, state.filter, state.acc, gust)
+    tr.restart_bank(state.bank, gust.mean[a], gust.mean[k], gust.covariance[a, a], gust.covariance[a, k],
+                 gust.covariance[k, k] + ch.JUMP_STD * ch.JUMP_STD)
+    state.watch.counts[ch.KEPT_EVENTS] = 0
+    wh.forget_blocks(state.check)
+    gu.forget_gust(gust)
+    return True
+
+
+@inner
+def restart_window(fixed, state, t):
+    """Drop this block and the window so far; begin one after t [s]."""
+    fl.clear_window(fixed.belief.size, state.acc)
+    fl.believe_nuisances(fixed.belief, state.filter, state.acc, t)
+    state.acc.score[:] = 0.0
+    state.acc.information[:, :] = 0.0
+
+
+@inner
+def seal_carried(state, words, rows):
+    """Seal of all that is carried from block to block."""
+    carried, count = mixed(fold_words(words)), state.acc.counts[fl.BLOCK_ROWS]
+    count = min(max(count, 0), rows.shape[1])  # it may be damaged
+    seal = 0
+    for j in range(rows.shape[0]):
+        seal = seal_integer(mixed(seal), gd.fold(rows[j], count), 0)
+    return seal_integer(carried, seal, 0)
+
+
+@kernel
+def check_block(block, ring, seals, rows, words, code):
+    """The status `code`, or RECOVERED where what waits in the ring, or is carried on, is not as it was left.
+
+    words  in  of the block what is carried on, seen as int64
+    """
+    state, capacity = block[0].state, ring.shape[0]
+    counts, seen, flag, other = state.counts, state.watch.counts, state.check.flag, state.undeclared.flag
+    # every place and count that is carried on lies within its array
+    whole = 0 <= state.acc.counts[fl.BLOCK_ROWS] <= rows.shape[1] and counts[rb.WAITING] <= capacity
+    whole = whole and 0 <= seen[ch.NEXT] < sx.CHANGE_BLOCKS and seen[ch.EVENTS] >= 0
+    whole = whole and 0 <= seen[ch.KEPT_EVENTS] <= sx.CHANGE_BLOCKS
+    whole = whole and 0 <= flag[wh.OLDEST] < sx.CHANGE_BLOCKS and 0 <= flag[wh.BLOCKS_WAITING] <= sx.CHANGE_BLOCKS
+    whole = whole and 0 <= other[un.NEWER] <= 1 and other[un.AGE] >= 0
+    whole = whole and seal_carried(state, words, rows) == state.guard[gd.CARRIED]
+    if whole:
+        for back in range(1, counts[rb.WAITING] + 1):
+            whole = whole and gd.is_row_whole(ring, seals, (counts[rb.HEAD] - back) % capacity)
+    return code if whole else gd.give_up(counts, code)
+
+
+@kernel
+def gather(block, ring, rows, profile, air, code):
+    """Take the samples that wait in the ring, oldest first, into the filter, but for those of the next window; what is
+    to be done before this is called again: NOTHING, and it need not be, CLOSE the block, or SET_STEP.
+
+    A gap or a full block of rows closes the block, and so does the last sample of a window.
+    """
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    acc, fil, belief, counts = state.acc, state.filter, fixed.belief, state.counts
+    complete = code == rb.WINDOW_COMPLETE
+    spare = counts[rb.CLOSED_BACK] if complete else int(code == rb.CLOCK_RESET)
+    max_gap = fixed.limits[rb.MAX_GAP]
+    for back in range(counts[rb.WAITING], spare, -1):
+        row = ring[(counts[rb.HEAD] - back) % ring.shape[0]]
+        anew = begins_anew(belief, fil, row[rb.T], max_gap)
+        full = acc.counts[fl.BLOCK_ROWS] > rows.shape[1] - sx.N_CHANNELS  # no room for another sample's
+        if acc.counts[fl.BLOCK_ROWS] > 0 and (full or (anew and fil.time[sx.RUNNING] == 1.0)):
+            counts[rb.WAITING] = back
+            return CLOSE
+        if belief.size.servo > 0:
+            h = row[rb.T] - fil.time[sx.LAST]
+            fil.servo.number[sv.NEXT_STEP] = h
+            if not anew and abs(h - fil.step[sv.STEP_PLACE]) > sv.SAME_STEP * h:
+                counts[rb.WAITING] = back
+                return SET_STEP
+        if anew:
+            gu.forget_gust(state.gust)
+        if acc.counts[fl.BLOCK_ROWS] == 0:
+            acc.start[0] = row[rb.T]
+        fl.filter_sample(belief, profile, air, fil, work.filter, acc, rows, state.check, row, max_gap)
+    counts[rb.WAITING] = spare
+    full = acc.counts[fl.BLOCK_ROWS] > rows.shape[1] - sx.N_CHANNELS
+    return CLOSE if full or (complete and acc.counts[fl.BLOCK_ROWS] > 0) else NOTHING
+
+
+@kernel
+def update_servo(block):
+    """Add what the block says of the servo to what is known of it; what is not known of it widens what the block says
+    of a6 and k1, and is no noise.  While the model is contradicted what was learned of it fades as the levels do."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    belief, fil, acc, servo = fixed.belief, state.filter, state.acc, state.filter.servo
+    sv.widen_pair(belief, fil, work.acc)
+    fl.reduce_pair(belief.size, work.acc)
+    unknown = 0.0  # of the block's expected squares
+    for i in range(belief.size.columns):
+        row = work.acc.triangle[i]
+        unknown += sv.doubt_of(belief.size, servo, row[belief.size.servo_at:])
+    if unknown / max(acc.counts[fl.BLOCK_ROWS], 1) > sv.UNSETTLED:
+        acc.score[:] = 0.0
+        acc.information[:, :] = 0.0
+    if state.check.flag[wh.WHITENESS_RAISED] == 1:
+        sv.fade_servo(belief.size, servo, work.acc, fl.left_after(belief.constant[sx.BLOCK_SHARE], fl.LEVEL_RELAXES))
+    sv.learn_servo(belief, fil, work.acc)
+    sv.solve_servo(belief.size, servo)
+
+
+@kernel
+def track_block(block):
+    """The tracker takes the block; returns its log density without a sudden change."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    belief, bank, fil, watch = fixed.belief, state.bank, state.filter, state.watch
+    dt, _ = fl.span_of(fixed, state)
+    ch.open_onset(belief.size.states, watch, bank.total, state.acc.s_start, state.acc.start[0])
+    triangle = work.acc.block
+    still = tr.track(bank, work.bank, tr.TRACKER_MEMORY, dt, triangle) - 0.5 * triangle[2, 2] * triangle[2, 2]
+    restate_declared(belief, fil, bank, work.bank, dt)
+    newest = (watch.counts[ch.NEXT] - 1) % sx.CHANGE_BLOCKS
+    return gu.follow_gust(belief, fil, state.gust, work.gust[:], work.acc.pair, watch.before[newest], dt, still)
+
+
+@kernel
+def detect_change(block, still):
+    """Look for a sudden change, and for a gust after calm; whether one moved the filter's state: then nothing before
+    goes with what follows, the window begins again, and nothing of this block is noise or structure.
+
+    still  log density of the block without a change
+    """
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    bank, after, fil, watch, size = state.bank, work.acc.belief, state.filter, state.watch, fixed.belief.size
+    dt, t_end = fl.span_of(fixed, state)
+    factor, slot, kind = ch.follow_onsets(size.states, watch, work.bank, work.acc.column[:], work.acc.pair, fil.s, dt,
+                                       still)
+    if not factor > ch.THRESHOLD or state.check.flag[wh.WHITENESS_RAISED] == 1:
+        ch.settle_event(watch, bank.total)
+        moved = state.check.flag[wh.WHITENESS_RAISED] == 0 and accept_gust(fixed.belief, state, factor, dt)
+        if moved:
+            restart_window(fixed, state, t_end)
+        return moved
+    before = watch.before[slot]
+    blocks = (watch.counts[ch.NEXT] - 1 - slot) % sx.CHANGE_BLOCKS + 1
+    wh.drop_blocks(state.check, blocks, t_end)
+    ch.raise_alarm(watch, slot, kind, factor, dt, t_end, after)
+    fl.jump(fixed.belief, fil, watch.carried[slot], blocks, before[sx.MEAN_A6], before[sx.MEAN_K1], after[sx.MEAN_A6],
+         after[sx.MEAN_K1])
+    tr.restart_bank(bank, after[sx.MEAN_A6], after[sx.MEAN_K1], after[sx.VAR_A6], after[sx.COV], after[sx.VAR_K1])
+    if size.undeclared > 0:
+        un.go_back(state.undeclared, blocks)
+    gu.forget_gust(state.gust)
+    restart_window(fixed, state, t_end)
+    return True
+
+
+@kernel
+def use_rows(block):
+    """The block into the window's information; noise levels; point of linearisation.
+
+    It is the quick member's, so that a drift does not pass for noise; with nuisances the mixture's, or each wandering
+    of the quick one along what the data do not tell apart would take them along.
+    """
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    acc, fil, belief, bank, quickest = state.acc, state.filter, fixed.belief, state.bank, len(tr.MEMBERS) - 1
+    fl.absorb_block(belief.size, acc, work.acc, fil.servo.about[:])
+    if state.check.flag[wh.WHITENESS_RAISED] == 1:
+        fl.relax_levels(belief, fil, acc)
+    elif fixed.option[ESTIMATE_LEVELS] == 1:
+        fl.update_levels(belief, fil, acc, work.acc)
+    if belief.size.states > sx.N_STATES:
+        fl.relinearise(belief, fil, bank.total[sx.MEAN_A6], bank.total[sx.MEAN_K1])
+    else:
+        fl.relinearise(belief, fil, bank.mean[quickest, sx.A6], bank.mean[quickest, sx.K1])
+
+
+@kernel
+def end_block(block):
+    """Judge whether the model is true; then begin the next block."""
+    fixed, state = block[0].fixed, block[0].state
+    acc, fil, bank, check = state.acc, state.filter, state.bank, state.check
+    dt, t_end = fl.span_of(fixed, state)
+    if check.flag[wh.BLOCKS_WAITING] >= sx.CHANGE_BLOCKS:  # they have waited long enough
+        wh.take_block(check, dt)
+    if wh.judge_model(check, fil.level, state.undeclared.flag[un.FOUND], t_end):
+        total = bank.total  # what was learned meanwhile is not to be trusted
+        first = sx.FIRST_STD * sx.FIRST_STD
+        tr.restart_bank(bank, total[sx.MEAN_A6], total[sx.MEAN_K1], first, 0.0, first)
+    if check.flag[wh.BEYOND_CHANCE] == 1:
+        fil.note[sx.WITHDRAWN_CHANGES] += ch.withdraw_events(state.watch, t_end - wh.LONGEST_MEMORY)
+    acc.counts[fl.BLOCK_ROWS] = 0
+    fl.begin_block(fixed.belief, fil, acc)
+
+
+def close_block(size, block, rows, profile):
+    """Use the rows gathered."""
+    if size.servo > 0:
+        sv.widen_check(block)
+    fl.reduce_rows(block, rows)
+    if size.servo > 0:
+        update_servo(block)
+    un.follow_undeclared(block, profile)
+    still = track_block(block)
+    if not detect_change(block, still):
+        if size.structured == 1:
+            learn_structure(block)
+        use_rows(block)
+    if size.servo > 0:
+        sv.relinearise_servo(block)
+    end_block(block)
+
 
 TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
-DUE = 64       # beside a status: what waits is to be used
 ABSURD_LEVEL = 12.0  # of a noise level's logarithm: a factor 160,000 either way is no sensor's
 
 
@@ -41,10 +290,10 @@ ABSURD_LEVEL = 12.0  # of a noise level's logarithm: a factor 160,000 either way
 @inner
 def take_into_ring(fixed, state, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Gate and ring, as `push_sample`."""
-    code = take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
-    due = state.counts[rb.WAITING] >= min(rows.shape[1] // N_CHANNELS, TOGETHER)
+    code = gd.take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
+    due = state.counts[rb.WAITING] >= min(rows.shape[1] // sx.N_CHANNELS, TOGETHER)
     if 0 <= code < rb.RECOVERED and (due or code == rb.WINDOW_COMPLETE or code == rb.CLOCK_RESET):
-        return code + DUE
+        return code + rb.DUE
     return code
 
 
@@ -69,7 +318,7 @@ def push_until_due(block, ring, seals, rows, samples, at):
     for k in range(at, samples.shape[0]):
         s = samples[k]
         code = take_into_ring(fixed, state, ring, seals, rows, s[0], s[1], s[2], s[3], s[4], s[5], s[6])
-        if code >= DUE or code == rb.RECOVERED:
+        if code >= rb.DUE or code == rb.RECOVERED:
             return k + 1, code
     return samples.shape[0], rb.ACCEPTED
 
@@ -78,68 +327,52 @@ def push_until_due(block, ring, seals, rows, samples, at):
 
 
 @kernel
-def look_at_sensors(block, ring):
-    """Whether a sensor stood still in the closed window."""
-    fixed, state = block[0].fixed, block[0].state
-    stop = fixed.belief.constant
-    return stands_still(ring, state.counts, state.repeats, stop[SATURATION], stop[SATURATION + 1],
-                        stop[SATURATION + 2])
-
-
-@kernel
-def choose_terms(block):
-    """Choose which of many terms there are."""
+def solve_closed(block, ring, profile):
+    """The closed window's own estimate into the outcome."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    term = fixed.belief.term
-    select_terms(fixed.belief.size.terms, state.learner.r, term[AT_THETA], term[AT_BETA], state.active[:],
-                 work.acc.coefficient[:], work.learning)
-
-
-@kernel
-def solve_closed(block, profile, stuck):
-    """The closed window's own estimate into the outcome; `stuck`: a sensor stood still in it."""
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    acc, out, t = state.acc, state.outcome, state.filter.time[LAST]
-    clear_outcome(out, OK)
-    out.flag[USED] = acc.counts[SAMPLES]
-    out.flag[GAPS_SEEN] = acc.counts[BLOCK_GAPS]
-    if acc.counts[SAMPLES] < fixed.option[LEAST_SAMPLES]:
-        out.flag[STATUS] = GAP if acc.counts[BLOCK_GAPS] > 0 else SHORT
+    acc, out, t = state.acc, state.outcome, state.filter.time[sx.LAST]
+    stuck = stands_still(ring, state.counts, state.repeats, fixed.belief.constant[sx.SATURATION:sx.AERO_DAMPING])
+    wn.clear_outcome(out, wn.OK)
+    out.flag[wn.USED] = acc.counts[fl.SAMPLES]
+    out.flag[wn.GAPS_SEEN] = acc.counts[fl.BLOCK_GAPS]
+    if acc.counts[fl.SAMPLES] < fixed.option[LEAST_SAMPLES]:
+        out.flag[wn.STATUS] = wn.GAP if acc.counts[fl.BLOCK_GAPS] > 0 else wn.SHORT
     elif stuck:
-        out.flag[STATUS] = STUCK
-        contradict(state.check, t)
+        out.flag[wn.STATUS] = wn.STUCK
+        wh.contradict(state.check, t)
     else:
-        unexplained = solve_window(fixed.belief, acc, work.acc, state.active[:])
-        judge_window(state.check, state.filter.level, unexplained, t)
-        out.flag[STATUS] = report_window(fixed.belief, profile, state, work.acc, rb.centre_of(fixed, state))
-        out.number[O_WHITENESS] = likelihood_of_chance(state.check)
-
-
-@kernel
-def limit_terms(block, profile):
-    """Limits of the terms that are not there."""
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    limit_absent(fixed.belief, profile, state, work.acc, rb.centre_of(fixed, state))
+        unexplained = fl.solve_window(fixed.belief, acc, work.acc, state.active[:])
+        wh.judge_window(state.check, state.filter.level, unexplained, t)
+        out.flag[wn.STATUS] = fl.report_window(fixed.belief, profile, state, work.acc, rb.centre_of(fixed, state))
+        out.number[wn.O_WHITENESS] = wh.likelihood_of_chance(state.check)
 
 
 @kernel
 def begin_next_window(block):
-    """Begin the next window."""
+    """Begin the next window after the last sample: nothing is known but what is declared.
+
+    Offsets are constants to a window.  Over a flight no misalignment and no bias is, and a filter that believed so
+    would hold on for ever to how an offset and a6 once were related (`OFFSET_TIME`).
+    """
     fixed, state = block[0].fixed, block[0].state
-    state.check.flag[IN_WINDOW] = state.check.flag[WHITENESS_RAISED]
-    let_offsets_wander(fixed.belief, state.filter, fixed.limits[rb.WINDOW])
-    begin_window(fixed, state, state.filter.time[LAST])
+    belief, p = fixed.belief, state.filter.p
+    state.check.flag[wh.IN_WINDOW] = state.check.flag[wh.WHITENESS_RAISED]
+    for k in range(sx.N_STATES, belief.size.states):
+        spread = belief.spread[k - sx.N_STATES]
+        if belief.level[k - sx.N_STATES] < 0:
+            p[k, k] += spread * spread * fixed.limits[rb.WINDOW] / OFFSET_TIME
+    fl.clear_window(belief.size, state.acc)
+    fl.believe_nuisances(belief, state.filter, state.acc, state.filter.time[sx.LAST])
     state.counts[rb.ESTIMATES] = 1
 
 
 def close_window(size, block, ring, profile):
     """Estimate from the window that closed, its last block being closed."""
-    stuck = look_at_sensors(block, ring)
     if size.structured == 1:
         choose_terms(block)
-    solve_closed(block, profile, stuck)
+    solve_closed(block, ring, profile)
     if size.structured == 1:
-        limit_terms(block, profile)
+        fl.limit_terms(block, profile)
     begin_next_window(block)
 
 
@@ -147,18 +380,18 @@ def close_window(size, block, ring, profile):
 def abandon_window(block):
     """The clock was set back: the window is given up and the next one begins."""
     fixed, state = block[0].fixed, block[0].state
-    state.acc.counts[BLOCK_ROWS] = 0
-    state.filter.time[RUNNING] = 0.0
-    clear_window(fixed.belief.size, state.acc)
+    state.acc.counts[fl.BLOCK_ROWS] = 0
+    state.filter.time[sx.RUNNING] = 0.0
+    fl.clear_window(fixed.belief.size, state.acc)
 
 
 @kernel
 def follow_range(block, sigma, code):
     """The uncertainty level after a block, and after a window."""
     fixed, state = block[0].fixed, block[0].state
-    if state.check.flag[WHITENESS_RAISED] == 0:
+    if state.check.flag[wh.WHITENESS_RAISED] == 0:
         total, watch, clock = state.bank.total, state.watch, state.clock
-        watch_range(sigma, state.gauge, total, state.filter.time[LAST], clock[rb.T_FIRST], watch.counts, watch.event)
+        watch_range(sigma, state.gauge, total, state.filter.time[sx.LAST], clock[rb.T_FIRST], watch.counts, watch.event)
         if code == rb.WINDOW_COMPLETE:
             close_range(sigma, state.gauge, total, clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW])
 
@@ -169,8 +402,8 @@ def is_sound(size, fil, total):
 
     total (N_BELIEF,) in  the tracked belief
     """
-    sound = np.isfinite(total[MEAN_A6] + total[MEAN_K1] + total[COV] + total[VAR_A6] + total[VAR_K1])
-    sound = sound and total[VAR_A6] >= 0.0 and total[VAR_K1] >= 0.0
+    sound = np.isfinite(total[sx.MEAN_A6] + total[sx.MEAN_K1] + total[sx.COV] + total[sx.VAR_A6] + total[sx.VAR_K1])
+    sound = sound and total[sx.VAR_A6] >= 0.0 and total[sx.VAR_K1] >= 0.0
     for i in range(size.states):
         sound = sound and np.isfinite(fil.x[i])
         for j in range(size.states):
@@ -186,17 +419,11 @@ def is_sound(size, fil, total):
 def seal_block(block, rows, words, code):
     """All stays as it is until the next block; the status, or RECOVERED where memory is damaged."""
     fixed, state = block[0].fixed, block[0].state
-    state.guard[CARRIED] = seal_carried(state, words, rows)
+    state.guard[gd.CARRIED] = seal_carried(state, words, rows)
     if not is_sound(fixed.belief.size, state.filter, state.bank.total):
-        return give_up(state.counts, code)
-    close_control(state)
+        return gd.give_up(state.counts, code)
+    gd.close_control(state)
     return code
-
-
-@kernel
-def drop_sample(block, code):
-    """Return RECOVERED: memory is damaged before the block is used."""
-    return give_up(block[0].state.counts, code)
 
 
 # ---- the order
@@ -204,14 +431,14 @@ def drop_sample(block, code):
 
 def process_samples(size, block, words, ring, seals, rows, profile, air, sigma, code):
     """Filter the samples that wait, close blocks and windows; return the Status, RECOVERED where memory is damaged."""
-    if not is_block_whole(block, ring, seals, rows, words):
-        return drop_sample(block, code)
+    if check_block(block, ring, seals, rows, words, code) == rb.RECOVERED:
+        return rb.RECOVERED
     for _ in range(3 * TOGETHER):  # a block and a step at most for each sample that waits
         wanted = gather(block, ring, rows, profile, air, code)
         if wanted == NOTHING:
             break
         if size.servo > 0 and wanted == SET_STEP:
-            set_servo_step(block)
+            sv.set_servo_step(block)
         else:
             close_block(size, block, rows, profile)
     if code == rb.WINDOW_COMPLETE:
@@ -230,8 +457,8 @@ def update_filtered(size, block, words, ring, seals, rows, profile, air, sigma, 
     size  in  how much of the memory is in use;  the rest as of the entries, in the order of `table.APART`
     """
     code = push_sample(block, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
-    if code >= DUE:
-        code = process_samples(size, block, words, ring, seals, rows, profile, air, sigma, code - DUE)
+    if code >= rb.DUE:
+        code = process_samples(size, block, words, ring, seals, rows, profile, air, sigma, code - rb.DUE)
     return code
 
 
@@ -240,23 +467,26 @@ def restart_filtered(block, rows, words):
     """Set what is not zero before the first sample."""
     fixed, state = block[0].fixed, block[0].state
     size, acc = fixed.belief.size, state.acc
-    clear_outcome(state.outcome, SHORT)
+    wn.clear_outcome(state.outcome, wn.SHORT)
     for k in range(size.levels):
         acc.level_information[k, k] = fixed.belief.prior[k]
-    clear_window(size, acc)
-    restart_servo(fixed.belief, state.filter)
-    for k in range(len(MEMBERS)):
-        state.bank.weight[k] = 1.0 / len(MEMBERS)
-    restart_bank(state.bank, 0.0, 0.0, FIRST_STD * FIRST_STD, 0.0, FIRST_STD * FIRST_STD)
+    fl.clear_window(size, acc)
+    for k in range(size.servo):
+        state.filter.servo.r[k, k], state.filter.servo.root[k, k] = 1.0, 1.0
+    if size.servo > 0:
+        sv.believe_servo(fixed.belief, state.filter)
+    for k in range(len(tr.MEMBERS)):
+        state.bank.weight[k] = 1.0 / len(tr.MEMBERS)
+    tr.restart_bank(state.bank, 0.0, 0.0, sx.FIRST_STD * sx.FIRST_STD, 0.0, sx.FIRST_STD * sx.FIRST_STD)
     if size.undeclared > 0:
-        restart_undeclared(state.undeclared)
+        un.restart_undeclared(state.undeclared)
     for k in range(size.terms):
         state.active[k] = 1
         if size.structured == 1:
-            state.learner.r[k, k] = PRIOR
+            state.learned[k, k] = PRIOR
     if size.ranged == 1:
         restart_gauge(state.gauge)
-    state.guard[CARRIED] = seal_carried(state, words, rows)
+    state.guard[gd.CARRIED] = seal_carried(state, words, rows)
 
 
 @kernel
@@ -266,11 +496,11 @@ def report_now(block, profile, air):
     counts, clock = state.counts, state.clock
     is_later = counts[rb.ROWS] > counts[rb.CLOSED_BACK]
     t = clock[rb.T_LAST] if is_later else clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
-    contradicted = state.check.flag[WHITENESS_RAISED] == 1
-    report_tracked(profile, state.bank.total, contradicted, t, rep)
-    report_air(fixed.belief, air, state.filter, state.bank.total, contradicted, rep)
-    report_servo(fixed.belief, state.filter, contradicted, rep)
-    report_changes(profile, state.watch, rep)
+    contradicted = state.check.flag[wh.WHITENESS_RAISED] == 1
+    rp.report_tracked(profile, state.bank.total, contradicted, t, rep)
+    rp.report_air(fixed.belief, air, state.filter, state.bank.total, contradicted, rep)
+    rp.report_servo(fixed.belief, state.filter, contradicted, rep)
+    rp.report_changes(profile, state.watch, rep)
     for k in range(fixed.belief.size.levels):
         rep.noise[k] = exp_of(state.filter.level[k])
-    report_level(fixed.belief.size, state.gauge, rep)
+    rp.report_level(fixed.belief.size, state.gauge, rep)

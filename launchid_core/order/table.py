@@ -15,16 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..algebra.library import CODE_LENGTH, MAX_TERMS, N_VARIABLES
+from ..filter import states as sx
 from ..filter import whiteness as wh
-from ..filter.belief import CHANGE_BLOCKS, N_AIR, N_BELIEF, N_CONSTANTS, N_NODE
-from ..filter.servo import N_STEP
-from ..filter.states import MAX_DELAY_SAMPLES, N_CHANNELS, N_NOTES, N_STATES, N_TESTS, N_TIME
-from ..filter.unknown_servo import N_SERVO
+from ..filter.servo import N_SERVO, N_STEP
 from ..gate import ring as rb
 from ..gate.stuck import N_LEARNED, N_WATCHED
 from ..gate.window import EQUATIONS, N_WINDOW_FLAGS, N_WINDOW_NUMBERS
 from ..model import MAX_LEVELS, MAX_NUISANCES, N_OFFSETS
-from ..regression.plan import N_MARKS, N_OPTIONS, N_PLAN, N_SERIES, N_THRESHOLDS, PAIR
+from ..regression.rows import N_MARKS, N_OPTIONS, N_PLAN, N_SERIES, N_THRESHOLDS, PAIR
 from ..watch import changes as ch
 from ..watch import report as rp
 from ..watch import undeclared as un
@@ -40,12 +38,15 @@ class Size(NamedTuple):
     """The sizes of the memory in use: integers that never change."""
 
     terms: int          # of the library
+    theta: int          # place of theta among them
+    beta: int           # and of beta
     states: int         # of the filter
     nuisances: int      # of them beyond the vehicle's
     levels: int         # noise levels
     servo: int          # numbers of the servo that are not known; 0 where all are
     responses: int      # of the servo: its own, and one for each of those numbers; 0 where all are known
     sensitivities: int  # columns of the filter's: offset at the block's start, terms, servo, tests
+    servo_at: int       # the first of the servo's
     columns: int        # the same and the right-hand side
     pair: int           # columns of a block reduced to offset, theta, beta, right-hand side
     wider: int          # columns of a regression: terms, equations, drifts of a6 and k1
@@ -59,13 +60,14 @@ class Size(NamedTuple):
     ranged: int         # 1: the model has a range, so there is an uncertainty level
 
 
-def size_of(terms: int, nuisances: int = 0, levels: int = 0, servo: int = 0, **flags: int) -> Size:
+def size_of(terms: int, nuisances: int = 0, levels: int = 0, servo: int = 0, theta: int = 0, beta: int = 0,
+            **flags: int) -> Size:
     """Size of an estimator, without levels a regression's; flags: the last five fields, 0 where absent."""
-    states = N_STATES + nuisances if levels else 0
-    sensitivities = states + terms + servo + N_TESTS
+    states = sx.N_STATES + nuisances if levels else 0
+    sensitivities = states + terms + servo + sx.N_TESTS
     is_known = levels > 0 and nuisances == 0
     responses = servo + 1 if servo else 0
-    return Size(terms, states, nuisances, levels, servo, responses, sensitivities,
+    return Size(terms, theta, beta, states, nuisances, levels, servo, responses, sensitivities, states + terms,
                 columns=sensitivities + 1, pair=states + 3, wider=terms + EQUATIONS + PAIR, learned=terms + 1,
                 gust=states + 2 if nuisances else 0, undeclared=un.UNDECLARED_SIZE if is_known else 0,
                 **(dict.fromkeys(("integral", "solver", "by_share", "structured", "ranged"), 0) | flags))
@@ -73,21 +75,6 @@ def size_of(terms: int, nuisances: int = 0, levels: int = 0, servo: int = 0, **f
 
 # the extents of every record
 LARGEST_SIZE = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS, N_SERVO)._replace(undeclared=un.UNDECLARED_SIZE)
-
-
-class Grown(NamedTuple):
-    """Extents of what stands apart."""
-
-    held: int         # rows of the ring: a window's, and the one that may come after it
-    window: int       # rows of a window
-    kept: int         # of them that are kept
-    terms: int        # of the library
-    wider: int        # columns of a regression
-    columns: int      # of the filter's sensitivities and right-hand side
-    innovations: int  # of a block of samples
-    nodes: int        # of the profile
-    air_nodes: int    # of forecast and drift
-    range_nodes: int  # of the range sigma
 
 
 Extent = int | str | tuple["Extent", ...]  # a number, a name of `Size`, the product of several
@@ -199,16 +186,15 @@ REGRESSION_WORK = struct(
 BELIEF = struct(
     "Belief", "What the filter believes, fixed at construction.",
     ("size", SIZE),
-    ("constant", F8, (N_CONSTANTS,), "of servo, sensors, offsets"),
+    ("constant", F8, (sx.N_CONSTANTS,), "of servo, sensors, offsets"),
     ("variance", F8, ("levels",), "declared noises, order of Model.levels"),
     ("prior", F8, ("levels",), "of their logarithms, 1/variance"),
     ("spread", F8, ("nuisances",), "standard deviation of each nuisance at the first sample"),
     ("codes", I8, ("terms", CODE_LENGTH), "library terms"),
-    ("term", I8, (2,), "places of theta and beta among them"),
     ("servo", F8, ("servo",), "one sigma of what is not known of it: relative frequency, relative damping, delay [s]"),
     ("role", I8, ("nuisances",), "what each nuisance is, model.WALK .. NOZZLE_BIAS"),
     ("level", I8, ("nuisances",), "its place among the noise levels, or NONE"),
-    ("partner", I8, (N_CHANNELS,), "state that each channel shows beside its own, its offset's, or NONE"))
+    ("partner", I8, (sx.N_CHANNELS,), "state that each channel shows beside its own, its offset's, or NONE"))
 
 UNKNOWN_SERVO = struct(
     "UnknownServo", "What is known of the servo, as deviations from the nominal's in standard deviations of the prior.",
@@ -217,7 +203,7 @@ UNKNOWN_SERVO = struct(
     ("mean", F8, ("servo",), "estimate: frequency, damping, delay"),
     ("about", F8, ("servo",), "that the filter is linearised about"),
     ("number", F8, ("responses",), "the same as frequency [rad/s], damping, delay [s]; the next time step [s]"),
-    ("response", F8, ("responses", N_STATES, N_STATES), "of a step, and its derivatives"))
+    ("response", F8, ("responses", sx.N_STATES, sx.N_STATES), "of a step, and its derivatives"))
 
 FILTER_STATE = struct(
     "Filter", "State of the predictor.",
@@ -228,14 +214,14 @@ FILTER_STATE = struct(
     ("level", F8, ("levels",), "log of noise standard deviations over the declared ones"),
     ("sx", F8, ("states", "levels"), "derivative of x for the levels"),
     ("sp", F8, ("levels", "states", "states"), "derivative of p for the levels"),
-    ("command", F8, (MAX_DELAY_SAMPLES,), "past commands, newest first"),
-    ("time", F8, (N_TIME,), "LAST, RUNNING, FIRST"),
+    ("command", F8, (sx.MAX_DELAY_SAMPLES,), "past commands, newest first"),
+    ("time", F8, (sx.N_TIME,), "LAST, RUNNING, FIRST"),
     ("path", F8, (1,), "GAMMA_NOW"),
     ("step", F8, (N_STEP,), "constants of the last time step"),
     ("missed", F8, (N_STEP,), "of its last part, in which a command acts that no sample holds"),
     ("jump", F8, (1,), "mean square of the command's changes from sample to sample"),
-    ("outliers", I8, (N_CHANNELS,), "measurements in a row that each channel's gate refused"),
-    ("note", I8, (N_NOTES,), "counters of what the filter did of its own accord"),
+    ("outliers", I8, (sx.N_CHANNELS,), "measurements in a row that each channel's gate refused"),
+    ("note", I8, (sx.N_NOTES,), "counters of what the filter did of its own accord"),
     ("servo", UNKNOWN_SERVO))
 
 FILTER_WORK = struct(
@@ -250,8 +236,8 @@ FILTER_WORK = struct(
     ("slope", F8, ("states",), "derivative of the gain"),
     ("taylor", F8, (4, 5, 5), "matrices of the servo's exponential"),
     ("late", F8, ("servo", N_STEP), "constants of time steps of another servo"),
-    ("moved", F8, ("responses", N_STATES), "its response"),
-    ("servo_drive", F8, ("servo", N_STATES), "effect of the servo's deviations on the state over a step"),
+    ("moved", F8, ("responses", sx.N_STATES), "its response"),
+    ("servo_drive", F8, ("servo", sx.N_STATES), "effect of the servo's deviations on the state over a step"),
     ("raw", F8, (N_VARIABLES, 1), "theta, theta_dot, beta at the step's middle; no tau: 0"),
     ("value", F8, (1,), "of a term there"),
     ("drive", F8, (2, "terms"), "effect of each term on theta, theta_dot over a step"),
@@ -282,7 +268,7 @@ ACCUMULATOR_WORK = struct(
     ("tau", F8, ("levels",), "its Householder factors"),
     ("right", F8, ("levels",), "its right-hand side"),
     ("step", F8, ("levels",), "of Fisher's scoring"),
-    ("belief", F8, (N_BELIEF,), "to restart the tracker with"),
+    ("belief", F8, (sx.N_BELIEF,), "to restart the tracker with"),
     ("columns", I8, ("columns",), "that a solve keeps"),
     ("coefficient", F8, ("terms",), "of the window"),
     ("deviation", F8, (3,), "STD_A6, STD_K1, CORR"))
@@ -292,7 +278,7 @@ BANK = struct(
     ("mean", F8, (len(MEMBERS), 4), "by member"),
     ("covariance", F8, (len(MEMBERS), 4, 4), "by member"),
     ("evidence", F8, (len(MEMBERS),), "forgotten sum of log predictive densities"),
-    ("total", F8, (N_BELIEF,), "of the mixture"),
+    ("total", F8, (sx.N_BELIEF,), "of the mixture"),
     ("weight", F8, (len(MEMBERS),), "of each member"))
 
 BANK_WORK = struct(
@@ -303,15 +289,15 @@ BANK_WORK = struct(
 
 WATCH = struct(
     "Watch", "State of the detector of sudden changes.",
-    ("mean", F8, (CHANGE_BLOCKS, 2, 2), "deviations by onset, kind, parameter"),
-    ("covariance", F8, (2 * CHANGE_BLOCKS, 2, 2), "of these, by onset and kind"),
-    ("factor", F8, (CHANGE_BLOCKS, 2), "log Bayes factors"),
-    ("before", F8, (CHANGE_BLOCKS, N_BELIEF), "tracked belief before each onset"),
-    ("start", F8, (CHANGE_BLOCKS,), "of each [s]"),
-    ("carried", F8, (CHANGE_BLOCKS, "states", 2), "sensitivities at each onset, carried to the current block's start"),
+    ("mean", F8, (sx.CHANGE_BLOCKS, 2, 2), "deviations by onset, kind, parameter"),
+    ("covariance", F8, (2 * sx.CHANGE_BLOCKS, 2, 2), "of these, by onset and kind"),
+    ("factor", F8, (sx.CHANGE_BLOCKS, 2), "log Bayes factors"),
+    ("before", F8, (sx.CHANGE_BLOCKS, sx.N_BELIEF), "tracked belief before each onset"),
+    ("start", F8, (sx.CHANGE_BLOCKS,), "of each [s]"),
+    ("carried", F8, (sx.CHANGE_BLOCKS, "states", 2), "sensitivities at each onset, carried to the block's start"),
     ("counts", I8, (ch.N_COUNTS,), "NEXT, KEPT, EVENTS, SINCE"),
     ("event", F8, (ch.MAX_EVENTS, ch.N_EVENT), "alarms, the newest over the oldest"),
-    ("reference", F8, (N_BELIEF,), "belief before the last change"))
+    ("reference", F8, (sx.N_BELIEF,), "belief before the last change"))
 
 GUST_STATE = struct(
     "Gust", "State of the hypothesis that wind begins anew.",
@@ -321,12 +307,12 @@ GUST_STATE = struct(
 
 CHECK = struct(
     "Check", "State of the test whether the model is true.",
-    ("mean", F8, (N_CHANNELS, 3), "of the block at hand"),
-    ("seen", I8, (N_CHANNELS,), "measurements in it"),
-    ("servo", F8, (N_CHANNELS, "servo"), "sums of their sensitivities for the servo"),
-    ("pending", F8, (CHANGE_BLOCKS, N_CHANNELS), "blocks that wait"),
-    ("history", F8, (wh.WHITENESS_LAGS, N_CHANNELS), "the last ones taken, newest first"),
-    ("sums", F8, (N_CHANNELS, wh.WHITENESS_LAGS + 1), "fading sums of a channel and of its products by lag"),
+    ("mean", F8, (sx.N_CHANNELS, 3), "of the block at hand"),
+    ("seen", I8, (sx.N_CHANNELS,), "measurements in it"),
+    ("servo", F8, (sx.N_CHANNELS, "servo"), "sums of their sensitivities for the servo"),
+    ("pending", F8, (sx.CHANGE_BLOCKS, sx.N_CHANNELS), "blocks that wait"),
+    ("history", F8, (wh.WHITENESS_LAGS, sx.N_CHANNELS), "the last ones taken, newest first"),
+    ("sums", F8, (sx.N_CHANNELS, wh.WHITENESS_LAGS + 1), "fading sums of a channel and of its products by lag"),
     ("number", F8, (wh.N_WHITENESS_NUMBERS,), "STATISTIC and on"),
     ("flag", I8, (wh.N_WHITENESS_FLAGS,), "OLDEST and on"))
 
@@ -346,15 +332,6 @@ UNDECLARED_WORK = struct(
     ("triangle", F8, (un.N_BLOCK_COLUMNS, un.N_BLOCK_COLUMNS), "of a6, k1, acceleration, right-hand side"),
     ("row", F8, (un.UNDECLARED_SIZE,), "of a measurement"),
     ("column", F8, (un.UNDECLARED_SIZE,), "covariance that it shows"))
-
-LEARNER = struct(
-    "Learner", "Structure over many windows: what persists.",
-    ("r", F8, ("learned", "learned"), "square-root information, right-hand side last"))
-
-LEARNING = struct(
-    "Learning", "Its scratch.",
-    ("held", I8, ("terms",), "terms that were active before"),
-    ("sparse", SPARSE_WORK))
 
 GAUGE = struct(
     "Gauge", "State of the uncertainty level; rows and pairs are (a6, k1).",
@@ -399,7 +376,7 @@ FILTERED_STATE = struct(
     ("undeclared", UNDECLARED),
     ("active", I8, ("terms",), "1 for the terms believed to be there"),
     ("repeats", F8, (N_WATCHED, N_LEARNED), "learned of theta, theta_dot, beta: share of repeats, smallest step"),
-    ("learner", LEARNER),
+    ("learned", F8, ("learned", "learned"), "of the terms, over many windows: square-root information"),
     ("gauge", GAUGE))
 
 FILTERED_WORK = struct(
@@ -409,7 +386,8 @@ FILTERED_WORK = struct(
     ("bank", BANK_WORK),
     ("gust", F8, ("gust",), "of its covariance"),
     ("undeclared", UNDECLARED_WORK),
-    ("learning", LEARNING),
+    ("held", I8, ("terms",), "terms that were active before"),
+    ("sparse", SPARSE_WORK),
     ("report", REPORT))
 
 REGRESSION = struct("Regression", "An estimator that regresses on the rows of a window.",
@@ -417,7 +395,9 @@ REGRESSION = struct("Regression", "An estimator that regresses on the rows of a 
 FILTERED = struct("Filtered", "An estimator of the filtered formulation.",
                   (FIXED, FILTERED_FIXED), (STATE, FILTERED_STATE), (WORK, FILTERED_WORK))
 
-# what stands apart: (name, part, type, shape in the extents of `Grown`, meaning), in the order of `update`'s arguments
+# what stands apart: (name, part, type, shape, meaning), in the order of `update`'s arguments; extents beside those of
+# `Size`: held (a window's rows and the one that may come after it), window, kept (rows), innovations (of a block),
+# nodes (of the profile), air_nodes (of forecast and drift), range_nodes (of the range sigma)
 GATE_APART = (
     ("ring", STATE, F8, ("held", rb.N_COLUMNS), "the newest samples"),
     ("seals", STATE, I8, ("held",), "of its rows"))
@@ -432,7 +412,7 @@ SEPARATE_ARRAYS: dict[str, tuple[tuple[str, str, "np.dtype[Any]", tuple[Extent, 
     "Filtered": (
         *GATE_APART,
         ("rows", STATE, F8, ("columns", "innovations"), "whitened innovations of a block, column by column"),
-        ("profile", FIXED, F8, ("nodes", N_NODE), "t [s], a6, k1 [1/s^2]"),
-        ("air", FIXED, F8, ("air_nodes", N_AIR), "t [s], forecast wind [rad], drift [1/s]"),
-        ("sigma", FIXED, F8, ("range_nodes", N_NODE), "t [s], range of a6 and k1"))}
+        ("profile", FIXED, F8, ("nodes", sx.N_NODE), "t [s], a6, k1 [1/s^2]"),
+        ("air", FIXED, F8, ("air_nodes", sx.N_AIR), "t [s], forecast wind [rad], drift [1/s]"),
+        ("sigma", FIXED, F8, ("range_nodes", sx.N_NODE), "t [s], range of a6 and k1"))}
 CARRIED_FROM = {"Regression": "random", "Filtered": "filter"}  # this line of the state and all after it are sealed

@@ -6,6 +6,8 @@ Two formulations of theta_ddot = Theta(x) xi (and of theta_dot, beta_dot):
 * integral (weak form): x(t) - mean = (integral of Theta dt - mean) xi, means over
   each gap-free piece, which frees its unknown starting value.
   Messenger & Bortz, Multiscale Model. Simul. 19, 2021, with a step as test function.
+
+Sources: Navarro-Tapia et al., eq. 5 and 6; reduction to q x q in `sparse`.
 """
 
 import numpy as np
@@ -13,18 +15,19 @@ import numpy as np
 from ..algebra import sparse
 from ..algebra.compress import choose_rows
 from ..algebra.derivative import mark_segments
+from ..algebra.library import raw_from_standard
+from ..algebra.linsolve import dot, qr_factor, scale_columns
 from ..gate import ring as rb
-from ..gate.guard import CARRIED, are_rows_whole, close_control, fold_words, give_up, take_sample
-from ..gate.ring import BETA, THETA, THETA_DOT
+from ..gate import window as wn
+from ..gate.guard import CARRIED, close_control, fold_words, give_up, is_row_whole, take_sample
 from ..gate.stuck import stands_still
-from ..gate.window import EQUATIONS, GAP, GAPS_SEEN, LOW_INFORMATION, OK, SATURATED, SHORT, STUCK, USED, clear_outcome
 from ..kernels import inner, kernel
-from . import equations as eq
 from . import rows as rw
-from .plan import ENOUGH, INTEGRAL, KEEP, KEPT, MEASURED, PAIR, SEGMENT, SLOPE_COLUMN, TERMS_HELD, USABLE
-from .residual import drift_integral, drift_pointwise, report_attitude
+from .residual import report_attitude
 
-# ---- a sample
+EQUATION_ORDER = (0, 2, wn.THETA_REPEATS)  # of the equations: the last one's factor stays, for its standard deviations
+RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
+RATE_ARGUMENT = 1         # theta_dot, as the argument of a term's function
 
 
 @kernel
@@ -39,18 +42,19 @@ def push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_
 
 
 @kernel
-def push_within(block, ring, seals, samples, at):
-    """Take rows of samples (n, 7) from `at` on until one may close a window or answers RECOVERED.
+def push_until_due(block, ring, seals, samples, at):
+    """`push_sample` for rows of samples (n, 7) from `at` on, until one closes a window or answers RECOVERED.
 
-    Returns (the row after the last taken, ACCEPTED); (that after the damage, RECOVERED).
+    Returns (the row after the last taken, its answer, DUE more where a window closes); (n, ACCEPTED) at the end.
     """
     fixed, state = block[0].fixed, block[0].state
     for k in range(at, samples.shape[0]):
         s = samples[k]
-        if not rb.stays_within(fixed.limits, state.clock, state.counts, s[0]):
-            return k, rb.ACCEPTED
-        if take_sample(fixed, state, ring, seals, s[0], s[1], s[2], s[3], s[4], s[5], s[6]) == rb.RECOVERED:
-            return k + 1, rb.RECOVERED
+        code = take_sample(fixed, state, ring, seals, s[0], s[1], s[2], s[3], s[4], s[5], s[6])
+        if code == rb.WINDOW_COMPLETE:
+            return k + 1, code + rb.DUE
+        if code == rb.RECOVERED:
+            return k + 1, code
     return samples.shape[0], rb.ACCEPTED
 
 
@@ -63,161 +67,199 @@ def take_window(fixed, state, ring, seals, words, rows, marks):
     them, how many, rows to keep, gaps).
 
     words  in  of the block what is carried on, seen as int64
-    rows (N_SERIES, m), marks (N_MARKS, m)  out  as `plan` names them
+    rows (N_SERIES, m), marks (N_MARKS, m)  out  as `rows` names them
     """
     plan, stop, counts = fixed.plan, fixed.saturation, state.counts
     whole = fold_words(words) == state.guard[CARRIED]
-    if not (whole and are_rows_whole(ring, seals, counts)):
-        return give_up(counts, rb.WINDOW_COMPLETE), OK, 0, 0, 0
-    clear_outcome(state.outcome, OK)
+    for k in range(counts[rb.CLOSED_ROWS]):
+        whole = whole and is_row_whole(ring, seals, rb.place_of_row(counts, ring, k))
+    if not whole:
+        return give_up(counts, rb.WINDOW_COMPLETE), wn.OK, 0, 0, 0
+    wn.clear_outcome(state.outcome, wn.OK)
     n, saturated = rb.copy_window(ring, counts, stop, rows)
-    gaps = mark_segments(rows[rb.T], n, fixed.limits[rb.MAX_GAP], marks[SEGMENT])
+    gaps = mark_segments(rows[rb.T], n, fixed.limits[rb.MAX_GAP], marks[rw.SEGMENT])
     rw.fill_rate(rows, marks, n)
     rw.fill_attack(rows, n)
-    if plan[INTEGRAL] == 0:
-        rw.fill_slopes(rows, marks, n, plan[MEASURED])
+    if fixed.size.integral == 0:
+        rw.fill_slopes(rows, marks, n, plan[rw.MEASURED])
     for i in range(n):
-        x = rows[THETA_DOT, i] if plan[INTEGRAL] == 1 else rows[SLOPE_COLUMN, i] + rows[SLOPE_COLUMN + 1,
-                                                                                        i] + rows[SLOPE_COLUMN + 2, i]
-        marks[USABLE, i] = int(np.isfinite(x))
-    kept = choose_rows(marks[USABLE], n, plan[KEEP], state.random, marks[KEPT])
-    still = stands_still(ring, counts, state.repeats, stop[THETA], stop[THETA_DOT], stop[BETA])
-    status = STUCK if still else OK
-    if kept < plan[ENOUGH]:
-        status = SATURATED if kept + saturated >= plan[ENOUGH] else GAP if gaps > 0 else SHORT
+        x = rows[rb.THETA_DOT, i]
+        if fixed.size.integral == 0:
+            x = rows[rw.SLOPE_COLUMN, i] + rows[rw.SLOPE_COLUMN + 1, i] + rows[rw.SLOPE_COLUMN + 2, i]
+        marks[rw.USABLE, i] = int(np.isfinite(x))
+    kept = choose_rows(marks[rw.USABLE], n, plan[rw.KEEP], state.random, marks[rw.KEPT])
+    status = wn.STUCK if stands_still(ring, counts, state.repeats, stop[rb.THETA:]) else wn.OK
+    if kept < plan[rw.ENOUGH]:
+        status = wn.SATURATED if kept + saturated >= plan[rw.ENOUGH] else wn.GAP if gaps > 0 else wn.SHORT
     return rb.WINDOW_COMPLETE, status, n, kept, gaps
 
 
-@kernel
-def open_pointwise(block, words, ring, seals, rows, marks, columns):
-    """A closed window to its factored library in the pointwise form; returns as `take_window`, and 0, the pieces whose
-    means were taken."""
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    code, status, n, kept, gaps = take_window(fixed, state, ring, seals, words, rows, marks)
-    if status == OK and code == rb.WINDOW_COMPLETE:
-        q, t_centre = fixed.size.terms, rb.centre_of(fixed, state)
-        rw.fill_states(rows, n, t_centre)
-        rw.standardise(work, rows, marks, fixed.centred, kept, n)
-        at = columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept))
-        rw.pointwise_rows(fixed.codes[:q], rows, marks, at, at[q:], kept)
-        drift_pointwise(rows, marks, at[q + EQUATIONS:], kept, t_centre)
-        status = eq.factor_library(fixed, state, work, at, 0)
-    return code, status, n, kept, gaps, 0
+@inner
+def factor_library(fixed, state, work, at, pieces):
+    """Factor the library; returns OK, RANK, or GAP where each piece's own unknown beginning leaves too few rows.
+
+    at (q + EQUATIONS + PAIR, count)  inout  library columns, targets and drifts, these into the factor's coordinates
+    """
+    q, tt = fixed.size.terms, work.tt
+    if at.shape[1] - pieces <= q:
+        return wn.GAP
+    scale_columns(at[:q], work.norms[:])
+    rank = qr_factor(at, work.order[:q], work.tau[:], RANK_TOLERANCE)
+    if rank < q:
+        return wn.RANK
+    state.outcome.number[wn.O_CONDITION] = abs(at[0, 0]) / abs(at[rank - 1, rank - 1])
+    raw_from_standard(fixed.codes[:q], work.centre, work.scale, tt)
+    for i in range(q):  # M with Phi_raw = Q M: column i of M into work.mt[i]
+        for r in range(q):
+            work.mt[i, r] = 0.0
+        for k in range(q):
+            j = work.order[k]
+            if tt[i, j] != 0.0:
+                for r in range(k + 1):
+                    work.mt[i, r] += at[k, r] * work.norms[j] * tt[i, j]
+    sparse.factor_whole(q, work.mt, work.whole, work.sparse.columns[:])
+    return wn.OK
 
 
 @kernel
-def open_integral(block, words, ring, seals, rows, marks, columns):
-    """The same in the integral form, whose columns and targets are less their means over each gap-free piece."""
+def open_window(block, words, ring, seals, rows, marks, columns):
+    """A closed window to its factored library; returns as `take_window`, and the pieces whose means were taken.
+
+    In the integral form columns and targets are less their means over each gap-free piece.
+    """
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     code, status, n, kept, gaps = take_window(fixed, state, ring, seals, words, rows, marks)
     pieces = 0
-    if status == OK and code == rb.WINDOW_COMPLETE:
-        q, t_centre, held = fixed.size.terms, rb.centre_of(fixed, state), fixed.plan[TERMS_HELD]
-        rw.fill_states(rows, n, t_centre)
-        rw.standardise(work, rows, marks, fixed.centred, kept, n)
-        at = columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept))
-        rw.integral_rows(fixed.codes[:q], rows, marks, at, at[q:], n, kept, held)
-        drift_integral(rows, marks, at[q + EQUATIONS:], n, kept, t_centre, held)
-        pieces = rw.centre_segments(at, marks, kept)
-        status = eq.factor_library(fixed, state, work, at, pieces)
+    if status == wn.OK and code == rb.WINDOW_COMPLETE:
+        q, t_centre, held = fixed.size.terms, rb.centre_of(fixed, state), fixed.plan[rw.TERMS_HELD]
+        rw.standardise(work, rows, marks, fixed.centred, kept, n, t_centre)
+        at = columns[:(q + wn.EQUATIONS + rw.PAIR) * kept].reshape((q + wn.EQUATIONS + rw.PAIR, kept))
+        if fixed.size.integral == 1:
+            rw.integral_rows(fixed.codes[:q], rows, marks, at, n, kept, t_centre, held)
+            pieces = rw.centre_segments(at, marks, kept)
+        else:
+            rw.pointwise_rows(fixed.codes[:q], rows, marks, at, kept, t_centre)
+        status = factor_library(fixed, state, work, at, pieces)
     return code, status, n, kept, gaps, pieces
 
 
 @inner
-def end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
-    """The outcome's standard deviations and flags; what is carried on stays as it is until the next close, clock and
-    counts until the next sample.  A window that failed says only why."""
-    out, q = state.outcome, fixed.size.terms
-    if status == OK:
-        report_attitude(fixed.plan, fixed.codes[:q], work, out, rows, marks,
-                        columns[:(q + EQUATIONS + PAIR) * kept].reshape((q + EQUATIONS + PAIR, kept)),
+def keep_equation(fixed, work, out, e, is_solved):
+    """The coefficients of equation e into the outcome; returns OK, RANK or NUMERICS."""
+    if not is_solved and e == wn.THETA_REPEATS:
+        return wn.RANK
+    for j in range(fixed.size.terms):
+        if is_solved and not np.isfinite(work.xi[j]):
+            return wn.NUMERICS
+        out.xi[j, e] = work.xi[j] if is_solved else np.nan
+        out.support[j, e] = int(is_solved and rw.is_active(fixed.plan, work.active[:], j))
+    return wn.OK
+
+
+@kernel
+def eliminate(block, columns, status, count):
+    """Solve the three equations by leaving terms out; returns OK, RANK or NUMERICS, or a status that was not OK.
+
+    columns  in  of the window's factor, each of `count` numbers, behind them the targets in its coordinates
+    """
+    fixed, work, out = block[0].fixed, block[0].work, block[0].state.outcome
+    q, whole, xi, active, by_share = fixed.size.terms, work.whole, work.xi[:], work.active[:], fixed.size.by_share
+    for k in range(wn.EQUATIONS):
+        if status == wn.OK:
+            e, raw = EQUATION_ORDER[k], fixed.threshold[rw.RAW]
+            y = columns[(q + e) * count:(q + e + 1) * count]
+            if by_share == 1:
+                needed = fixed.threshold[rw.OWN_SHARE] * dot(y, y, 0, count)
+                passes = sparse.solve_stepwise(q, whole, y, 1, needed, xi, active, work.sparse)
+            elif fixed.size.solver == sparse.SSR:
+                passes = sparse.solve_stepwise(q, whole, y, 0, raw, xi, active, work.sparse)
+            else:
+                passes = sparse.solve_stls(q, whole, y, raw, xi, active, work.sparse)
+            status = wn.RANK if passes < 0 else keep_equation(fixed, work, out, e, True)
+    return status
+
+
+@kernel
+def relax(block, columns, status, count):
+    """The same by a relaxed problem, of SR3 or the lasso."""
+    fixed, work, out = block[0].fixed, block[0].work, block[0].state.outcome
+    q, whole, xi, active, raw = fixed.size.terms, work.whole, work.xi[:], work.active[:], fixed.threshold[rw.RAW]
+    for k in range(wn.EQUATIONS):
+        if status == wn.OK:
+            e = EQUATION_ORDER[k]
+            y = columns[(q + e) * count:(q + e + 1) * count]
+            needed = fixed.threshold[rw.OWN_SHARE] * dot(y, y, 0, count)
+            if fixed.size.solver == sparse.SR3:
+                passes = sparse.solve_sr3(q, work.mt[:], whole, y, raw, needed, xi, active, work.sparse)
+            else:
+                passes = sparse.solve_lasso(q, work.mt[:], whole, y, raw, needed, xi, active, work.sparse)
+            status = keep_equation(fixed, work, out, e, passes > 0)
+    return status
+
+
+@inner
+def judge_separation(fixed, work, number):
+    """OK, or why a6 and k1 are not known apart, or not at all."""
+    codes, std_a, std_k = fixed.codes, number[wn.O_A6_STD], number[wn.O_K1_STD]
+    for j in range(fixed.size.terms):
+        if codes[j, 0] > 0 or codes[j, 2] > 0 or (codes[j, 4] > 0 and codes[j, 5] != RATE_ARGUMENT):
+            if rw.is_active(fixed.plan, work.active[:], j):  # a term in theta or beta drives
+                a6, k1 = std_a / abs(number[wn.O_A6]), std_k / abs(number[wn.O_K1])
+                if wn.knows_one_direction(a6, k1, number[wn.O_CORRELATION]):
+                    return wn.SEPARATION
+                return wn.LOW_INFORMATION if wn.knows_nothing(a6, k1) else wn.OK
+    return wn.LOW_INFORMATION
+
+
+@kernel
+def end_window(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
+    """The last part of a close, the equations being solved: a6, k1, standard deviations, flags.
+
+    status .. pieces  of the parts before.  A window that failed says only why.  What is carried on stays as it is
+    until the next close, clock and counts until the next sample.
+    """
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    out, q, plan = state.outcome, fixed.size.terms, fixed.plan
+    if status == wn.OK:
+        for p in range(rw.PAIR):
+            term = plan[rw.TERM_A6 + p]
+            slope = plan[rw.TERM_A6_DOT + p]
+            out.number[wn.O_A6 + p] = work.xi[term] if term >= 0 else np.nan
+            out.number[wn.O_A6_DOT + p] = work.xi[slope] if slope >= 0 else np.nan
+        report_attitude(fixed, work, out, rows, marks,
+                        columns[:(q + wn.EQUATIONS + rw.PAIR) * kept].reshape((q + wn.EQUATIONS + rw.PAIR, kept)),
                         series[:(2 + q) * kept].reshape((2 + q, kept)), n, kept - pieces)
-        driven = eq.is_driven(fixed.plan, fixed.codes[:q], work.active[:])
-        status = eq.judge_separation(out.number) if driven else LOW_INFORMATION
-    if status != OK:
-        clear_outcome(out, status)
-    out.flag[USED] = kept
-    out.flag[GAPS_SEEN] = gaps
+        status = judge_separation(fixed, work, out.number)
+    if status != wn.OK:
+        wn.clear_outcome(out, status)
+    out.flag[wn.USED] = kept
+    out.flag[wn.GAPS_SEEN] = gaps
     state.counts[rb.ESTIMATES], state.counts[rb.WAITING] = 1, state.counts[rb.CLOSED_BACK]
     state.guard[CARRIED] = fold_words(words)
     close_control(state)
 
 
-@kernel
-def end_by_threshold(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
-    """The second half of a close, from the factored library on; status .. pieces  of the first."""
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    if status == OK:
-        status = eq.choose_by_threshold(fixed, work, state.outcome, columns, kept)
-    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
-
-
-@kernel
-def end_stepwise(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
-    """As `end_by_threshold`, by stepwise sparse regression."""
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    if status == OK:
-        status = eq.choose_stepwise(fixed, work, state.outcome, columns, kept)
-    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
-
-
-@kernel
-def end_by_share(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
-    """As `end_by_threshold`, by what a term explains by itself."""
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    if status == OK:
-        status = eq.choose_by_share(fixed, work, state.outcome, columns, kept)
-    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
-
-
-@kernel
-def end_by_lasso(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
-    """As `end_by_threshold`, by the lasso."""
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    if status == OK:
-        status = eq.choose_by_lasso(fixed, work, state.outcome, columns, kept)
-    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
-
-
-@kernel
-def end_relaxed(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
-    """As `end_by_threshold`, by sparse relaxed regularized regression."""
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    if status == OK:
-        status = eq.choose_relaxed(fixed, work, state.outcome, columns, kept)
-    end_window(fixed, state, work, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
-
-
-def close_window(size, block, words, ring, seals, rows, marks, columns, series):
+def close_window(size, block, words, ring, seals, rows, marks, columns, series, code):
     """Estimate from the window that just closed; returns WINDOW_COMPLETE, or RECOVERED where memory is damaged."""
-    if size.integral == 1:
-        code, status, n, kept, gaps, pieces = open_integral(block, words, ring, seals, rows, marks, columns)
-    else:
-        code, status, n, kept, gaps, pieces = open_pointwise(block, words, ring, seals, rows, marks, columns)
-    if code == rb.WINDOW_COMPLETE:
-        if size.solver == sparse.SR3:
-            end_relaxed(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
-        elif size.solver == sparse.LASSO:
-            end_by_lasso(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
-        elif size.by_share == 1:
-            end_by_share(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
-        elif size.solver == sparse.SSR:
-            end_stepwise(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+    answer, status, n, kept, gaps, pieces = open_window(block, words, ring, seals, rows, marks, columns)
+    if answer == code:
+        if size.solver in (sparse.SR3, sparse.LASSO):
+            status = relax(block, columns, status, kept)
         else:
-            end_by_threshold(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
-    return code
+            status = eliminate(block, columns, status, kept)
+        end_window(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces)
+    return answer
 
 
 def update_regression(size, block, words, ring, seals, rows, marks, columns, series, t, theta, theta_dot,
                       beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it.
 
-    size  in  how much of the memory is in use, and the formulation;  the rest as of the entries, in the order of
-    `table.APART`
+    size  in  how much of the memory is in use;  the rest as of the entries, in the order of `table.SEPARATE_ARRAYS`
     """
     code = push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code == rb.WINDOW_COMPLETE:
-        code = close_window(size, block, words, ring, seals, rows, marks, columns, series)
+        code = close_window(size, block, words, ring, seals, rows, marks, columns, series, code)
     return code
 
 
@@ -225,6 +267,6 @@ def update_regression(size, block, words, ring, seals, rows, marks, columns, ser
 def restart_regression(block, words, seed):
     """Set what is not zero before the first sample; seed  first state of the row choice."""
     state = block[0].state
-    clear_outcome(state.outcome, SHORT)
+    wn.clear_outcome(state.outcome, wn.SHORT)
     state.random[0] = seed
     state.guard[CARRIED] = fold_words(words)

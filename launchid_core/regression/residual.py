@@ -16,7 +16,7 @@ too small, and both are measured on the window itself:
   like another pair of constants.  The equation is solved again with tau*theta and tau*beta beside its active terms:
   S is that solution's, and the square of what the two solutions differ by is added.
 
-* derivatives and integrals of sampled signals are inexact, also without noise.  What a row may be off (`plan.ERROR`)
+* derivatives and integrals of sampled signals are inexact, also without noise.  What a row may be off (`ROW_ERROR`)
   times its influence adds up to what a coefficient may be off; rounding, a unit in the last place of the largest term,
   to less.  Both squares are added.
 
@@ -27,27 +27,21 @@ import math
 
 import numpy as np
 
-from ..algebra.lanes import divide, dot, multiply, subtract, weigh
-from ..algebra.linsolve import EPS, apply_q_transposed, qr_factor, rotate, scale_columns, solve_triangle
-from ..algebra.sparse import ACTIVE_TOLERANCE
-from ..gate.ring import ATTACK, BETA, T
-from ..gate.window import EQUATIONS, INTERVAL, O_A6_STD, O_CORRELATION, THETA_REPEATS
-from ..kernels import inner
-from .plan import (
-    HALF_INTEGRAL,
-    INTEGRAL,
-    KEPT,
-    PAIR,
-    ROW_ERROR,
-    SPARSE,
-    TERM_A6,
-    TERM_A6_DOT,
-    TERMS_HELD,
-    VALUE,
-    is_active,
-    number_active,
+from ..algebra.linsolve import (
+    EPS,
+    U,
+    apply_q_transposed,
+    dot,
+    qr_factor,
+    rotate,
+    scale_columns,
+    solve_triangle,
+    subtract,
 )
-from .rows import integral_error, integrate
+from ..algebra.sparse import ACTIVE_TOLERANCE
+from ..gate import window as wn
+from ..kernels import inner
+from . import rows as rw
 
 STEADIEST = 0.97     # largest autoregression believed: beyond, L would be the whole window and S = 0
 BARTLETT = 1.1447    # of L for Bartlett's weights (Andrews, eq. 6.2)
@@ -99,27 +93,6 @@ def own_variance(v, freedom):
 
 
 @inner
-def drift_pointwise(rows, marks, drift, count, t_centre):
-    """tau*theta and tau*beta at the kept rows."""
-    for r in range(count):
-        i = marks[KEPT, r]
-        tau = rows[T, i] - t_centre
-        drift[0, r] = tau * rows[ATTACK, i]
-        drift[1, r] = tau * rows[BETA, i]
-
-
-@inner
-def drift_integral(rows, marks, drift, n, count, t_centre, held):
-    """The drifts' running integrals at the kept rows, by the weights of `rows.fill_weights`; held  1: beta stays."""
-    for d in range(PAIR):
-        for i in range(n):
-            rows[VALUE, i] = (rows[T, i] - t_centre) * rows[ATTACK if d == 0 else BETA, i]
-        integrate(rows, marks, n, rows[VALUE], rows[HALF_INTEGRAL], d == 1 and held == 1)
-        for r in range(count):
-            drift[d, r] = rows[HALF_INTEGRAL, marks[KEPT, r]]
-
-
-@inner
 def factor_drifts(plan, q, size, work, drift, count, free):
     """Factor what the drifts of a6 and k1 add to the `size` active terms; returns how many drifts.
 
@@ -129,10 +102,10 @@ def factor_drifts(plan, q, size, work, drift, count, free):
     """
     rows = work.sparse.rows[:4 * q * q].reshape((q, 4 * q))
     drifts = 0
-    for d in range(PAIR):
-        term, slope = plan[TERM_A6 + d], plan[TERM_A6_DOT + d]
-        is_sloped = slope >= 0 and is_active(plan, work.active[:], slope)
-        if term >= 0 and is_active(plan, work.active[:], term) and not is_sloped:
+    for d in range(rw.PAIR):
+        term, slope = plan[rw.TERM_A6 + d], plan[rw.TERM_A6_DOT + d]
+        is_sloped = slope >= 0 and rw.is_active(plan, work.active[:], slope)
+        if term >= 0 and rw.is_active(plan, work.active[:], term) and not is_sloped:
             for i in range(count):
                 drift[drifts * count + i] = drift[d * count + i]
             drifts += 1
@@ -154,24 +127,6 @@ def factor_drifts(plan, q, size, work, drift, count, free):
 
 
 @inner
-def fill_residuals(q, size, work, y, tails, series, drifts):
-    """Fill the residual of the active terms without the drifts and with them, and the drifts' coefficients.  tails  in
-    of each drift, factored: what is left of it below the active terms"""
-    rows, count = work.sparse.rows[:4 * q * q].reshape((q, 4 * q)), y.shape[0]
-    for i in range(size, q):
-        series[1, i] = rows[i, 3 * q]
-    for i in range(q, count):
-        series[1, i] = y[i]
-    for i in range(size, count):
-        series[0, i] = series[1, i]
-    residual = series[0][size:]
-    apply_q_transposed(tails, work.drift_tau[:], drifts, residual)
-    solve_triangle(tails, drifts, residual, work.drift_value[:])
-    for k in range(drifts):
-        residual[k] = 0.0
-
-
-@inner
 def fill_series(plan, q, size, work, y, drift, series, drifts, known):
     """Fill residuals and influences in the coordinates of the active terms' factor.
 
@@ -184,12 +139,19 @@ def fill_series(plan, q, size, work, y, drift, series, drifts, known):
     """
     left, norms = y.shape[0] - size, work.sparse.norms
     rows = work.sparse.rows[:4 * q * q].reshape((q, 4 * q))
-    tails, value, order = drift[:drifts * left].reshape((drifts, left)), work.drift_value, work.drift_order
+    tails, value, order = drift[:drifts * left].reshape((drifts, left)), work.drift_value[:], work.drift_order
     series[:, :] = 0.0
-    fill_residuals(q, size, work, y, tails, series, drifts)
+    for i in range(size, y.shape[0]):
+        series[1, i] = rows[i, 3 * q] if i < q else y[i]
+        series[0, i] = series[1, i]
+    residual = series[0][size:]
+    apply_q_transposed(tails, work.drift_tau[:], drifts, residual)
+    solve_triangle(tails, drifts, residual, value)
+    for k in range(drifts):
+        residual[k] = 0.0
     for j in range(q):
         work.change[j] = 0.0
-        if is_active(plan, work.active[:], j):
+        if rw.is_active(plan, work.active[:], j):
             for i in range(size):
                 series[2 + j, i] = rows[i, q + j] / norms[j]
             for k in range(drifts):  # by what the drifts explain of the rows: (R^-1 heads) R_drift^-1
@@ -208,7 +170,8 @@ def fill_series(plan, q, size, work, y, drift, series, drifts, known):
             share, work.length[j] = math.sqrt(square), 0.0
             if ACTIVE_TOLERANCE < share < np.inf:
                 work.length[j] = share * norms[j]
-                divide(series[2 + j], share, size, q)
+                for i in range(size, q):
+                    series[2 + j, U(i)] /= share
                 work.lost[j] = dot(series[2 + j], series[1], size, q)
 
 
@@ -218,7 +181,7 @@ def turn_back(plan, at, q, size, work, drift, series, drifts):
     rows, left = work.sparse.rows[:4 * q * q].reshape((q, 4 * q)), series.shape[1] - size
     tails = drift[:drifts * left].reshape((drifts, left))
     for k in range(series.shape[0]):
-        if k == 0 or (k > 1 and is_active(plan, work.active[:], k - 2)):
+        if k == 0 or (k > 1 and rw.is_active(plan, work.active[:], k - 2)):
             rotate(tails, work.drift_tau[:], drifts, series[k][size:].reshape((1, left)), 0, 1)
         head = work.head[:q]
         head[:] = 0.0
@@ -237,13 +200,14 @@ def weigh_influences(plan, q, work, rows, marks, series):
     for j in range(q):
         largest += abs(work.xi[j]) * work.sparse.norms[j]
     for j in range(q):
-        if is_active(plan, work.active[:], j):
+        if rw.is_active(plan, work.active[:], j):
             influence, off = series[2 + j], 0.0
             for r in range(count):
-                off += influence[r] * rows[ROW_ERROR, marks[KEPT, r]]
+                off += influence[r] * rows[rw.ROW_ERROR, marks[rw.KEPT, r]]
             rounding = EPS * largest
             work.numeric[j] = off * off + rounding * rounding * dot(influence, influence, 0, count)
-            multiply(influence, series[0], 0, count)
+            for i in range(count):
+                influence[U(i)] *= series[0, U(i)]
 
 
 @inner
@@ -252,56 +216,60 @@ def report_active(plan, q, work, out, rows, marks, series, freedom):
     weigh_influences(plan, q, work, rows, marks, series)
     count = series.shape[1]
     above = below = 0.0
-    for p in range(PAIR):
-        j = plan[TERM_A6 + p]
-        if j >= 0 and is_active(plan, work.active[:], j):
+    for p in range(rw.PAIR):
+        j = plan[rw.TERM_A6 + p]
+        if j >= 0 and rw.is_active(plan, work.active[:], j):
             more, less = autoregression(series[2 + j])
             above, below = above + more, below + less
     lags = bandwidth(above, below, count)  # of a6 and k1 together
     for j in range(q):
-        if is_active(plan, work.active[:], j):
+        if rw.is_active(plan, work.active[:], j):
             v = series[2 + j]
-            if j == plan[TERM_A6] or j == plan[TERM_A6 + 1]:
+            if j == plan[rw.TERM_A6] or j == plan[rw.TERM_A6 + 1]:
                 variance = long_run(v, v, lags, freedom, True)
             else:
                 variance = own_variance(v, freedom)
             out.std[j] = math.sqrt(variance + work.change[j] * work.change[j] + work.numeric[j])
-    for p in range(PAIR):
-        if plan[TERM_A6 + p] >= 0:
-            out.number[O_A6_STD + p] = out.std[plan[TERM_A6 + p]]
-    product = out.number[O_A6_STD] * out.number[O_A6_STD + 1]
+    for p in range(rw.PAIR):
+        if plan[rw.TERM_A6 + p] >= 0:
+            out.number[wn.O_A6_STD + p] = out.std[plan[rw.TERM_A6 + p]]
+    product = out.number[wn.O_A6_STD] * out.number[wn.O_A6_STD + 1]
     if product > 0.0:  # both are active
-        a, b = plan[TERM_A6], plan[TERM_A6 + 1]
+        a, b = plan[rw.TERM_A6], plan[rw.TERM_A6 + 1]
         shared = long_run(series[2 + b], series[2 + a], lags, freedom, False) + work.change[a] * work.change[b]
-        out.number[O_CORRELATION] = min(max(shared / product, -1.0), 1.0)
+        out.number[wn.O_CORRELATION] = min(max(shared / product, -1.0), 1.0)
 
 
 @inner
-def report_attitude(plan, codes, work, out, rows, marks, at, series, n, free):
+def report_attitude(fixed, work, out, rows, marks, at, series, n, free):
     """Standard deviations and correlation of the active terms of theta_ddot, 95 % limits of the others, a6 and k1 with
     their standard deviation; inf: the window cannot tell a term from the active ones.
 
     at (q + EQUATIONS + PAIR, count)  in  the window's factor, in its coordinates targets and drifts (lost);
     series (2 + q, count)  scratch;  n  rows of the window;  free  rows kept less what the pieces' means took
     """
-    q, count = codes.shape[0], at.shape[1]
-    y, drift = at[q + THETA_REPEATS], at[q + EQUATIONS:].reshape((PAIR * count,))
-    size = number_active(plan, work.active[:], q)
-    known = plan[SPARSE] == 1 and free > size + 1
+    q, plan, count = fixed.size.terms, fixed.plan, at.shape[1]
+    y, drift = at[q + wn.THETA_REPEATS], at[q + wn.EQUATIONS:].reshape((rw.PAIR * count,))
+    size = q
+    if plan[rw.SPARSE] == 1:
+        for j in range(q):
+            size -= int(work.active[j] == 0)
+    known = plan[rw.SPARSE] == 1 and free > size + 1
     drifts = factor_drifts(plan, q, size, work, drift, count, free)
     fill_series(plan, q, size, work, y, drift, series, drifts, known)
     turn_back(plan, at, q, size, work, drift, series, drifts)
     if size > 0:
-        if plan[INTEGRAL] == 1:
-            integral_error(codes, work, rows, marks, n, work.xi, plan[TERMS_HELD])
+        if fixed.size.integral == 1:
+            rw.integral_error(fixed.codes[:q], work, rows, marks, n, work.xi, plan[rw.TERMS_HELD])
         report_active(plan, q, work, out, rows, marks, series, free - size - drifts)
     for j in range(q):
-        if not is_active(plan, work.active[:], j):
+        if not rw.is_active(plan, work.active[:], j):
             out.absent[j] = np.inf
             if known and work.length[j] > 0.0:
-                weigh(series[2 + j], series[1], work.lost[j], 0, count)
+                for i in range(count):
+                    series[2 + j, U(i)] *= series[1, U(i)] - work.lost[j] * series[2 + j, U(i)]
                 std = math.sqrt(own_variance(series[2 + j], free - size - 1)) / work.length[j]
-                out.absent[j] = abs(work.lost[j] / work.length[j]) + INTERVAL * std
-                for p in range(PAIR):
-                    if j == plan[TERM_A6 + p]:
-                        out.number[O_A6_STD + p] = std
+                out.absent[j] = abs(work.lost[j] / work.length[j]) + wn.INTERVAL * std
+                for p in range(rw.PAIR):
+                    if j == plan[rw.TERM_A6 + p]:
+                        out.number[wn.O_A6_STD + p] = std

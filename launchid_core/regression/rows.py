@@ -1,22 +1,51 @@
-"""The step from a closed window's samples to rows: slopes, standardised variables, library columns and targets.
+"""The choices made at construction, as kernels read them; the step from a closed window's samples to rows: slopes,
+standardised variables, library columns and targets.
 
-`regression` says which formulation takes what, and goes on from there.  Throughout: rows (N_SERIES, m) and marks
-(N_MARKS, m) as `plan` names them; phi (q, count) library columns, target (EQUATIONS, count).
+Throughout: rows (N_SERIES, m) and marks (N_MARKS, m) as named below; phi (q, count) library columns, target
+(EQUATIONS, count).
 """
 
 import numpy as np
 
 from ..algebra.derivative import differentiate
-from ..algebra.lanes import U, standard, total
 from ..algebra.library import N_VARIABLES, TAU, library_column
-from ..algebra.linsolve import EPS
+from ..algebra.linsolve import EPS, U, total
 from ..gate.ring import ATTACK, BETA, GAMMA, THETA, THETA_DDOT, THETA_DOT, T
 from ..gate.window import EQUATIONS
 from ..kernels import inner
-from .plan import HALF_INTEGRAL, KEPT, ROW_ERROR, SEGMENT, SLOPE_COLUMN, STANDARD, STATES, VALUE, WEIGHT
 
 ROWS_OF_DIFFERENCE = 4  # rows of a piece that has a third difference
 STILL = 64.0 * EPS  # a variable that moves less than this of its size does not move
+# plan (i8) of a regression
+KEEP, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, TERMS_HELD, ENOUGH, SPARSE = range(9)
+N_PLAN = 9
+# threshold (f8) of a regression: what a term must exceed to stay
+RAW, OWN_SHARE = range(2)
+N_THRESHOLDS = 2
+# option (i8) of the filtered formulation: follow the noise levels; samples below which a window is SHORT
+ESTIMATE_LEVELS, LEAST_SAMPLES = range(2)
+N_OPTIONS = 2
+
+PAIR = 2  # a6 and k1, and their drifts tau*theta and tau*beta: neighbours in `plan` and in an outcome's numbers
+
+# rows (N_SERIES, m) of a window's close: the ring's columns, and behind them
+SLOPE_COLUMN = 7  # 3: derivatives of theta, theta_dot, beta
+STATES = 10   # 4: theta, theta_dot, beta, tau
+STANDARD = 14  # 4: the same, standardised
+WEIGHT = 18   # 4: of the rows around a step in the integral over it
+HALF_INTEGRAL = 22  # scratch of the integrals
+ROW_ERROR = 23  # by how much the numerical derivative or integral of a row may be off
+VALUE = 24    # a library column at every row
+N_SERIES = 25
+# marks (N_MARKS, m) int64: gap-free piece; 1 where the row may be used; rows kept
+SEGMENT, USABLE, KEPT = range(3)
+N_MARKS = 3
+
+
+@inner
+def is_active(plan, active, term):
+    """Whether a term is in the equation: where nothing selects, all are."""
+    return plan[SPARSE] == 0 or active[term] == 1
 
 
 @inner
@@ -24,6 +53,7 @@ def fill_rate(rows, marks, n):
     """Difference theta where theta_dot was not measured; rows[ROW_ERROR] holds what such a rate may be off, else 0."""
     missing = False
     for i in range(n):
+        rows[ROW_ERROR, i] = 0.0
         missing = missing or np.isnan(rows[THETA_DOT, i])
     if missing:
         differentiate(rows[T], rows[THETA], n, marks[SEGMENT], rows[SLOPE_COLUMN], rows[ROW_ERROR])
@@ -32,9 +62,6 @@ def fill_rate(rows, marks, n):
                 rows[THETA_DOT, i] = rows[SLOPE_COLUMN, i]
             else:
                 rows[ROW_ERROR, i] = 0.0
-    else:
-        for i in range(n):
-            rows[ROW_ERROR, i] = 0.0
 
 
 @inner
@@ -77,76 +104,49 @@ def fill_slopes(rows, marks, n, measured):
 
 
 @inner
-def sum_squares(work, rows, marks, count):
-    """Squared deviations from the centres over the kept rows, into work.scale; sums side by side, as above."""
-    theta = theta_dot = beta = tau = 0.0
-    for r in range(count):
-        i = marks[KEPT, r]
-        x, y = rows[STATES, i] - work.centre[0], rows[STATES + 1, i] - work.centre[1]
-        z, t = rows[STATES + 2, i] - work.centre[2], rows[STATES + TAU, i] - work.centre[TAU]
-        theta += x * x
-        theta_dot += y * y
-        beta += z * z
-        tau += t * t
-    work.scale[0], work.scale[1], work.scale[2], work.scale[TAU] = theta, theta_dot, beta, tau
-
-
-@inner
-def largest_kept(x, kept, count):
-    """Largest |x| of the kept rows."""
-    largest = 0.0
-    for r in range(count):
-        largest = max(largest, abs(x[kept[r]]))
-    return largest
-
-
-@inner
-def standardise(work, rows, marks, centred, count, n):
-    """Standardised variables of rows 0..n-1, by mean and root mean square deviation over the kept rows (centre 0 where
-    not `centred`)."""
-    theta = theta_dot = beta = tau = 0.0  # side by side: a sum waits for none of the others
-    for r in range(count):
-        i = marks[KEPT, r]
-        theta += rows[STATES, i]
-        theta_dot += rows[STATES + 1, i]
-        beta += rows[STATES + 2, i]
-        tau += rows[STATES + TAU, i]
-    work.centre[0], work.centre[1], work.centre[2], work.centre[TAU] = theta, theta_dot, beta, tau
-    for v in range(N_VARIABLES):
-        work.centre[v] = work.centre[v] / count if centred[v] == 1 else 0.0
-    sum_squares(work, rows, marks, count)
-    for v in range(N_VARIABLES):
-        scale = np.sqrt(work.scale[v] / count)
-        x = rows[STATES + v]
-        if not scale > STILL * largest_kept(x, marks[KEPT], count):
-            scale = np.inf  # stands still: its standardised value is exactly 0, and the rank test sees it
-        work.scale[v] = scale
-        standard(rows[STANDARD + v], x, work.centre[v], scale, 0, n)
-
-
-@inner
-def fill_states(rows, n, t_centre):
-    """theta, theta_dot, beta, tau of every row; theta is the angle of attack where gamma is known."""
+def standardise(work, rows, marks, centred, count, n, t_centre):
+    """Variables of rows 0..n-1 (theta, the angle of attack where gamma is known, theta_dot, beta, tau), and the same
+    standardised by mean and root mean square deviation over the kept rows (centre 0 where not `centred`)."""
     for i in range(n):
         rows[STATES, i] = rows[ATTACK, i]
         rows[STATES + 1, i] = rows[THETA_DOT, i]
         rows[STATES + 2, i] = rows[BETA, i]
         rows[STATES + TAU, i] = rows[T, i] - t_centre
+    for v in range(N_VARIABLES):
+        x, kept, centre = rows[STATES + v], marks[KEPT], 0.0
+        square = largest = 0.0
+        if centred[v] == 1:
+            for r in range(count):
+                centre += x[kept[r]]
+            centre /= count
+        for r in range(count):
+            square += (x[kept[r]] - centre) * (x[kept[r]] - centre)
+            largest = max(largest, abs(x[kept[r]]))
+        scale = np.sqrt(square / count)
+        if not scale > STILL * largest:
+            scale = np.inf  # stands still: its standardised value is exactly 0, and the rank test sees it
+        work.centre[v], work.scale[v] = centre, scale
+        for i in range(n):
+            rows[STANDARD + v, U(i)] = (x[U(i)] - centre) / scale
 
 
 @inner
-def pointwise_rows(codes, rows, marks, phi, target, count):
-    """Library columns and derivative targets at the kept rows."""
+def pointwise_rows(codes, rows, marks, at, count, t_centre):
+    """Library columns, derivatives, tau*theta and tau*beta at the kept rows.  at (q + EQUATIONS + PAIR, count)  out"""
     q = codes.shape[0]
     for v in range(N_VARIABLES):
         for r in range(count):  # in place: kept[r] >= r
             i = marks[KEPT, r]
             rows[STATES + v, r], rows[STANDARD + v, r] = rows[STATES + v, i], rows[STANDARD + v, i]
     for j in range(q):
-        library_column(codes[j], rows[STANDARD:STANDARD + N_VARIABLES], rows[STATES + codes[j, 5]], count, phi[j])
-    for e in range(EQUATIONS):
-        for r in range(count):
-            target[e, r] = rows[SLOPE_COLUMN + e, marks[KEPT, r]]
+        library_column(codes[j], rows[STANDARD:STANDARD + N_VARIABLES], rows[STATES + codes[j, 5]], count, at[j])
+    for r in range(count):
+        i = marks[KEPT, r]
+        for e in range(EQUATIONS):
+            at[q + e, r] = rows[SLOPE_COLUMN + e, i]
+        tau = rows[T, i] - t_centre
+        at[q + EQUATIONS, r], at[q + EQUATIONS + 1, r] = tau * rows[ATTACK, i], tau * rows[BETA, i]
+
 
 
 @inner
@@ -210,21 +210,27 @@ def is_held(code, held):
 
 
 @inner
-def integral_rows(codes, rows, marks, phi, target, n, count, held):
-    """Running integrals of the library columns, and the states, at the kept rows; held  1: beta stays from each row to
-    the next."""
+def integral_rows(codes, rows, marks, at, n, count, t_centre, held):
+    """Running integrals of the library columns, the states, and integrals of tau*theta and tau*beta at the kept rows.
+
+    at (q + EQUATIONS + PAIR, count)  out;  held  1: beta stays from each row to the next
+    """
     q = codes.shape[0]
     fill_weights(rows, marks, n)
     for j in range(q):
         library_column(codes[j], rows[STANDARD:STANDARD + N_VARIABLES], rows[STATES + codes[j, 5]], n, rows[VALUE])
         integrate(rows, marks, n, rows[VALUE], rows[HALF_INTEGRAL], is_held(codes[j], held))
         for r in range(count):
-            phi[j, r] = rows[HALF_INTEGRAL, marks[KEPT, r]]
+            at[j, r] = rows[HALF_INTEGRAL, marks[KEPT, r]]
     for r in range(count):
         i = marks[KEPT, r]
-        target[0, r] = rows[THETA, i]
-        target[1, r] = rows[THETA_DOT, i]
-        target[2, r] = rows[BETA, i]
+        at[q, r], at[q + 1, r], at[q + 2, r] = rows[THETA, i], rows[THETA_DOT, i], rows[BETA, i]
+    for d in range(PAIR):
+        for i in range(n):
+            rows[VALUE, i] = (rows[T, i] - t_centre) * rows[ATTACK if d == 0 else BETA, i]
+        integrate(rows, marks, n, rows[VALUE], rows[HALF_INTEGRAL], d == 1 and held == 1)
+        for r in range(count):
+            at[q + EQUATIONS + d, r] = rows[HALF_INTEGRAL, marks[KEPT, r]]
 
 
 @inner
@@ -236,8 +242,16 @@ def integral_error(codes, work, rows, marks, n, xi, held):
     step's fourth difference, at the ends of a piece, where one parabola stands alone, 1/24 of its third.  0 in a piece
     of fewer than four rows.  What is held (1) is exact.
     """
-    time, f, bend = rows[T], rows[VALUE], rows[HALF_INTEGRAL]
-    accelerations(codes, work, rows, n, xi, f, held)
+    q, time, f, bend = codes.shape[0], rows[T], rows[VALUE], rows[HALF_INTEGRAL]
+    f[:] = 0.0
+    for j in range(q):  # the sum of the terms that are not held
+        share = 0.0
+        for k in range(q):
+            share += xi[k] * work.tt[k, j]
+        if share != 0.0 and not is_held(codes[j], held):
+            library_column(codes[j], rows[STANDARD:STANDARD + N_VARIABLES], rows[STATES + codes[j, 5]], n, bend)
+            for i in range(n):
+                f[i] += share * bend[i]
     first = 0
     for end in range(1, n + 1):
         if end < n and marks[SEGMENT, end] == marks[SEGMENT, first]:
@@ -257,23 +271,6 @@ def integral_error(codes, work, rows, marks, n, xi, held):
                 rows[ROW_ERROR, i] += running
         first = end
 
-
-@inner
-def accelerations(codes, work, rows, n, xi, f, held):
-    """The sum of the terms that are not held at every row, f (>=n,) out, for coefficients xi (q,) of them as they
-    are."""
-    q = codes.shape[0]
-    for i in range(n):
-        f[i] = 0.0
-    for j in range(q):
-        share = 0.0
-        for k in range(q):
-            share += xi[k] * work.tt[k, j]
-        if share != 0.0 and not is_held(codes[j], held):
-            library_column(codes[j], rows[STANDARD:STANDARD + N_VARIABLES], rows[STATES + codes[j, 5]], n,
-                           rows[HALF_INTEGRAL])
-            for i in range(n):
-                f[i] += share * rows[HALF_INTEGRAL, i]
 
 
 @inner

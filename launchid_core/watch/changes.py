@@ -20,7 +20,7 @@ import numpy as np
 
 from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import carry_columns, measure
-from ..filter.belief import A6, CHANGE_BLOCKS, COV, K1, MEAN_A6, MEAN_K1, N_BELIEF, VAR_A6, VAR_K1
+from ..filter import states as sx
 from ..kernels import inner
 
 JUMP_STD = 0.4      # relative: a jump worth an alarm, one sigma
@@ -49,18 +49,18 @@ def open_onset(states, state, belief, s_start, t):
         for j in range(2):
             state.carried[slot, i, j] = s_start[i, j]
     jump = JUMP_STD * JUMP_STD
-    for k in range(N_BELIEF):
+    for k in range(sx.N_BELIEF):
         state.before[slot, k] = belief[k]
     for kind in range(2):
-        state.mean[slot, kind, A6], state.mean[slot, kind, K1] = belief[MEAN_A6], belief[MEAN_K1]
+        state.mean[slot, kind, sx.A6], state.mean[slot, kind, sx.K1] = belief[sx.MEAN_A6], belief[sx.MEAN_K1]
         covariance = state.covariance[2 * slot + kind]
-        covariance[A6, A6] = belief[VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
-        covariance[A6, K1], covariance[K1, A6] = belief[COV], belief[COV]
-        covariance[K1, K1] = belief[VAR_K1] + jump
+        covariance[sx.A6, sx.A6] = belief[sx.VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
+        covariance[sx.A6, sx.K1], covariance[sx.K1, sx.A6] = belief[sx.COV], belief[sx.COV]
+        covariance[sx.K1, sx.K1] = belief[sx.VAR_K1] + jump
         state.factor[slot, kind] = 0.0
     state.start[slot] = t
-    state.counts[NEXT] = (slot + 1) % CHANGE_BLOCKS
-    state.counts[KEPT_EVENTS] = min(state.counts[KEPT_EVENTS] + 1, CHANGE_BLOCKS)
+    state.counts[NEXT] = (slot + 1) % sx.CHANGE_BLOCKS
+    state.counts[KEPT_EVENTS] = min(state.counts[KEPT_EVENTS] + 1, sx.CHANGE_BLOCKS)
     state.counts[SINCE] += 1
 
 
@@ -72,17 +72,17 @@ def follow_onset(n, state, work, slot, kind, pair, dt):
     so the offset -carried d, which leads there, is subtracted from the terms' columns.  work  BankWork
     """
     mean, covariance, row = state.mean[slot, kind], state.covariance[2 * slot + kind], work.row[:]
-    covariance[A6, A6] += DRIFT * DRIFT * dt
-    covariance[K1, K1] += DRIFT * DRIFT * dt
+    covariance[sx.A6, sx.A6] += DRIFT * DRIFT * dt
+    covariance[sx.K1, sx.K1] += DRIFT * DRIFT * dt
     carried, before = state.carried[slot], state.before[slot]
     volume, square = 1.0, 0.0
     for i in range(n + 2):
         past_a = past_k = 0.0
         for k in range(i, n):
-            past_a += pair[i, k] * carried[k, A6]
-            past_k += pair[i, k] * carried[k, K1]
-        z = pair[i, n + 2] - past_a * before[MEAN_A6] - past_k * before[MEAN_K1]
-        row[A6], row[K1] = pair[i, n] - past_a, pair[i, n + 1] - past_k
+            past_a += pair[i, k] * carried[k, sx.A6]
+            past_k += pair[i, k] * carried[k, sx.K1]
+        z = pair[i, n + 2] - past_a * before[sx.MEAN_A6] - past_k * before[sx.MEAN_K1]
+        row[sx.A6], row[sx.K1] = pair[i, n] - past_a, pair[i, n + 1] - past_k
         e, variance = measure(mean, covariance, row, 0, 2, z, work.column[:])
         volume *= variance
         square += e * e / variance
@@ -101,7 +101,7 @@ def follow_onsets(n, state, work, column, pair, transition, dt, still):
     """
     best, best_slot, best_kind = -np.inf, 0, 0
     for back in range(state.counts[KEPT_EVENTS]):
-        slot = (state.counts[NEXT] - 1 - back) % CHANGE_BLOCKS
+        slot = (state.counts[NEXT] - 1 - back) % sx.CHANGE_BLOCKS
         for kind in range(2):
             state.factor[slot, kind] += follow_onset(n, state, work, slot, kind, pair, dt) - still
             if state.factor[slot, kind] > best:
@@ -114,9 +114,9 @@ def follow_onsets(n, state, work, column, pair, transition, dt, still):
 def onset_time(state, kind, best, dt):
     """Mean and std [s] of the onset, the blocks weighted by their Bayes factors, and a block's own width."""
     norm = mean = square = 0.0
-    reference = state.start[(state.counts[NEXT] - 1) % CHANGE_BLOCKS]
+    reference = state.start[(state.counts[NEXT] - 1) % sx.CHANGE_BLOCKS]
     for back in range(state.counts[KEPT_EVENTS]):
-        slot = (state.counts[NEXT] - 1 - back) % CHANGE_BLOCKS
+        slot = (state.counts[NEXT] - 1 - back) % sx.CHANGE_BLOCKS
         w = exp_of(state.factor[slot, kind] - best)
         age = state.start[slot] - reference
         norm += w
@@ -138,32 +138,32 @@ def raise_alarm(state, slot, kind, best, dt, t_now, after):
     open_event = state.counts[EVENTS] > 0 and last[E_STAGE] == OPEN
     before = state.before[slot]
     jump = JUMP_STD * JUMP_STD
-    after[MEAN_A6], after[MEAN_K1] = state.mean[slot, kind, A6], state.mean[slot, kind, K1]
-    after[VAR_A6] = before[VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
-    after[COV] = before[COV]
-    after[VAR_K1] = before[VAR_K1] + jump
+    after[sx.MEAN_A6], after[sx.MEAN_K1] = state.mean[slot, kind, sx.A6], state.mean[slot, kind, sx.K1]
+    after[sx.VAR_A6] = before[sx.VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
+    after[sx.COV] = before[sx.COV]
+    after[sx.VAR_K1] = before[sx.VAR_K1] + jump
     state.counts[KEPT_EVENTS] = 0
     if open_event:
         last[E_KIND] = max(last[E_KIND], float(kind))
         size_event(state, last, after)
         return
-    for i in range(N_BELIEF):
+    for i in range(sx.N_BELIEF):
         state.reference[i] = before[i]
     event = state.event[state.counts[EVENTS] % MAX_EVENTS]
     event[:] = 0.0
     event[E_TIME], event[E_TIME_STD], event[E_KIND], event[E_ALARM] = t_onset, t_std, kind, t_now
     size_event(state, event, after)
     state.counts[EVENTS] += 1
-    state.counts[SINCE] = (state.counts[NEXT] - slot) % CHANGE_BLOCKS
+    state.counts[SINCE] = (state.counts[NEXT] - slot) % sx.CHANGE_BLOCKS
 
 
 @inner
 def size_event(state, event, belief):
     """Give an event the values before and after and the variance of the jump, relative to the nominal."""
-    event[E_A6_BEFORE], event[E_K1_BEFORE] = state.reference[MEAN_A6], state.reference[MEAN_K1]
-    event[E_A6_AFTER], event[E_K1_AFTER] = belief[MEAN_A6], belief[MEAN_K1]
-    event[E_A6_VARIANCE] = state.reference[VAR_A6] + belief[VAR_A6]
-    event[E_K1_VARIANCE] = state.reference[VAR_K1] + belief[VAR_K1]
+    event[E_A6_BEFORE], event[E_K1_BEFORE] = state.reference[sx.MEAN_A6], state.reference[sx.MEAN_K1]
+    event[E_A6_AFTER], event[E_K1_AFTER] = belief[sx.MEAN_A6], belief[sx.MEAN_K1]
+    event[E_A6_VARIANCE] = state.reference[sx.VAR_A6] + belief[sx.VAR_A6]
+    event[E_K1_VARIANCE] = state.reference[sx.VAR_K1] + belief[sx.VAR_K1]
 
 
 @inner

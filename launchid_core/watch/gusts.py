@@ -17,11 +17,10 @@ Assumption: an increment of the wind comes at a block's start.
 
 from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import carry_columns, carry_vector, measure
-from ..filter.belief import A6, AT_BETA, AT_THETA, COV, K1, MEAN_A6, MEAN_K1, TURBULENCE_TIME, VAR_A6, VAR_K1
-from ..filter.disturbances import share_blown
+from ..filter import states as sx
 from ..filter.filtered import move_wind_level
-from ..filter.states import N_STATES
 from ..kernels import inner
+from ..model import WALK
 
 MEAN_CALM = 60.0    # s from a gust to the next after calm, in the mean
 GUST_LASTS = 3.0    # s
@@ -29,16 +28,13 @@ CALM_LEVEL = -0.6931471805599453  # ln 0.5, of a wind's log level: below it the 
 GUST_PROBABILITY = 0.9  # probability of the gust from which on the filter takes it over
 WANDER = 0.003      # relative per sqrt(s), of a6 and k1 meanwhile, as of the tracker's quick member
 
-# number (f8)
-GUST_SHARE = 0
-
 
 @inner
 def forget_gust(gust):
     """No wind has begun."""
     gust.mean[:] = 0.0
     gust.covariance[:, :] = 0.0
-    gust.number[GUST_SHARE] = 0.0
+    gust.number[0] = 0.0
 
 
 @inner
@@ -48,32 +44,23 @@ def is_unexpected(belief, fil, j):
 
 
 @inner
-def is_calm(belief, fil):
-    """Whether wind may begin anew."""
-    calm = False
-    for j in range(belief.size.nuisances):
-        calm = calm or is_unexpected(belief, fil, j)
-    return calm
-
-
-@inner
 def mix_gust(g, gust, total, share):
     """The windy hypothesis starts from the calm one with probability `share`, else goes on.  total (N_BELIEF,) in"""
     mean, covariance = gust.mean, gust.covariance
     a, k = g - 2, g - 1
-    mean[a] -= total[MEAN_A6]
-    mean[k] -= total[MEAN_K1]
+    mean[a] -= total[sx.MEAN_A6]
+    mean[k] -= total[sx.MEAN_K1]
     for i in range(g):
         for j in range(g):
             covariance[i, j] = (1.0 - share) * (covariance[i, j] + share * mean[i] * mean[j])
-    covariance[a, a] += share * total[VAR_A6]
-    covariance[a, k] += share * total[COV]
-    covariance[k, a] += share * total[COV]
-    covariance[k, k] += share * total[VAR_K1]
+    covariance[a, a] += share * total[sx.VAR_A6]
+    covariance[a, k] += share * total[sx.COV]
+    covariance[k, a] += share * total[sx.COV]
+    covariance[k, k] += share * total[sx.VAR_K1]
     for i in range(g):
         mean[i] *= 1.0 - share
-    mean[a] += total[MEAN_A6]
-    mean[k] += total[MEAN_K1]
+    mean[a] += total[sx.MEAN_A6]
+    mean[k] += total[sx.MEAN_K1]
 
 
 @inner
@@ -84,10 +71,10 @@ def blow(belief, fil, gust, dt):
         if not is_unexpected(belief, fil, j):
             continue
         at = belief.level[j]
-        keep = exp_of(-dt / belief.constant[TURBULENCE_TIME])
+        keep = exp_of(-dt / belief.constant[sx.TURBULENCE_TIME])
         q = belief.variance[at] * (1.0 - exp_of(2.0 * fil.level[at]))
-        q *= share_blown(belief, j, dt, keep)
-        gust.covariance[N_STATES + j, N_STATES + j] += q
+        q *= dt if belief.role[j] == WALK else 1.0 - keep * keep
+        gust.covariance[sx.N_STATES + j, sx.N_STATES + j] += q
     for i in range(belief.size.gust - 2, belief.size.gust):
         gust.covariance[i, i] += WANDER * WANDER * dt
 
@@ -123,27 +110,22 @@ def follow_gust(belief, fil, gust, column, pair, before, dt, still):
     column (g,) scratch;  pair (n + 3, n + 3) in  square-root information: offset at the block's start, a6, k1, right
     before (N_BELIEF,) in  the tracked belief before the block;  dt [s];  still: log density of the filter's own
     """
-    if not is_calm(belief, fil):
+    calm = False
+    for j in range(belief.size.nuisances):
+        calm = calm or is_unexpected(belief, fil, j)
+    if not calm:
         forget_gust(gust)
         return still
-    begins = (1.0 - gust.number[GUST_SHARE]) * (1.0 - exp_of(-dt / MEAN_CALM))
-    prior = begins + gust.number[GUST_SHARE] * exp_of(-dt / GUST_LASTS)
+    begins = (1.0 - gust.number[0]) * (1.0 - exp_of(-dt / MEAN_CALM))
+    prior = begins + gust.number[0] * exp_of(-dt / GUST_LASTS)
     mix_gust(belief.size.gust, gust, before, begins / prior)
     blow(belief, fil, gust, dt)
     windy = see_block(belief.size.gust, gust, column, pair)
     carry_gust(belief.size, gust, column, fil.s[:])
     best = max(still, windy)
     both = best + log_of((1.0 - prior) * exp_of(still - best) + prior * exp_of(windy - best))
-    gust.number[GUST_SHARE] = prior * exp_of(windy - both)
+    gust.number[0] = prior * exp_of(windy - both)
     return both
-
-
-@inner
-def is_gust(gust, factor, dt):
-    """Whether wind has begun, and explains the blocks as well as a jump: in the mixture it has paid for being rare, the
-    jump, whose log Bayes factor against the mixture is `factor`, has not.  dt [s] of a block
-    """
-    return gust.number[GUST_SHARE] > GUST_PROBABILITY and factor < log_of(MEAN_CALM / dt)
 
 
 @inner
@@ -154,14 +136,14 @@ def take_gust(belief, fil, acc, gust):
     owes to each of the wind's levels.
     """
     n = belief.size.states
-    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
+    theta, beta = n + belief.size.theta, n + belief.size.beta
     mean, covariance = gust.mean, gust.covariance
     aa, ak, kk = covariance[n, n], covariance[n, n + 1], covariance[n + 1, n + 1]
     volume = aa * kk - ak * ak
     for i in range(n):
         ca, ck = covariance[i, n], covariance[i, n + 1]
         by_a, by_k = (ca * kk - ck * ak) / volume, (ck * aa - ca * ak) / volume
-        fil.x[i] += mean[i] + by_a * (fil.p_bar[A6] - mean[n]) + by_k * (fil.p_bar[K1] - mean[n + 1])
+        fil.x[i] += mean[i] + by_a * (fil.p_bar[sx.A6] - mean[n]) + by_k * (fil.p_bar[sx.K1] - mean[n + 1])
         fil.s[i, theta] += by_a
         fil.s[i, beta] += by_k
         for j in range(i + 1):

@@ -3,27 +3,8 @@ changes."""
 
 import numpy as np
 
-from ..filter.belief import (
-    A6,
-    AIR_WIND,
-    AIRY,
-    AT_BETA,
-    AT_THETA,
-    COV,
-    DAMPING,
-    DELAY,
-    FIRST_STD,
-    FREQUENCY,
-    K1,
-    MEAN_A6,
-    MEAN_K1,
-    VAR_A6,
-    VAR_K1,
-    air_at,
-    profile_at,
-)
-from ..filter.states import LAST, N_STATES
-from ..filter.unknown_servo import BY_DELAY, std_of
+from ..filter import states as sx
+from ..filter.servo import BY_DELAY, std_of
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
 from . import changes as ch
@@ -52,25 +33,26 @@ def report_tracked(profile, total, contradicted, t, rep):
     """The tracked estimate at t [s], its share on the profile there: valid once a parameter is known better than before
     the first sample, unless the innovations contradict the model."""
     rep.tracked[:] = np.nan
-    first = KNOWN_SHARE * FIRST_STD
-    known = min(total[VAR_A6], total[VAR_K1]) < first * first and np.isfinite(total[MEAN_A6] + total[MEAN_K1])
-    known = known and not contradicted
+    first = KNOWN_SHARE * sx.FIRST_STD
+    known = min(total[sx.VAR_A6], total[sx.VAR_K1]) < first * first and not contradicted
+    known = known and np.isfinite(total[sx.MEAN_A6] + total[sx.MEAN_K1])
     rep.flag[IS_TRACKED] = int(known)
     if not known:
         return
-    a6, k1 = profile_at(profile, t)
-    rep.tracked[TRACKED_A6] = a6 * (1.0 + total[MEAN_A6])
-    rep.tracked[TRACKED_K1] = k1 * (1.0 + total[MEAN_K1])
-    rep.tracked[TRACKED_A6_STD] = abs(a6) * np.sqrt(total[VAR_A6])
-    rep.tracked[TRACKED_K1_STD] = abs(k1) * np.sqrt(total[VAR_K1])
+    a6, k1 = sx.profile_at(profile, t)
+    rep.tracked[TRACKED_A6] = a6 * (1.0 + total[sx.MEAN_A6])
+    rep.tracked[TRACKED_K1] = k1 * (1.0 + total[sx.MEAN_K1])
+    rep.tracked[TRACKED_A6_STD] = abs(a6) * np.sqrt(total[sx.VAR_A6])
+    rep.tracked[TRACKED_K1_STD] = abs(k1) * np.sqrt(total[sx.VAR_K1])
     sign = -1.0 if a6 * k1 < 0.0 else 1.0
-    rep.tracked[TRACKED_CORRELATION] = sign * total[COV] / np.sqrt(total[VAR_A6] * total[VAR_K1])
+    rep.tracked[TRACKED_CORRELATION] = sign * total[sx.COV] / np.sqrt(total[sx.VAR_A6] * total[sx.VAR_K1])
 
 
 @inner
 def report_part(total, value, variance, for_a6, for_k1, out):
     """A value that depends on the deviations through `for_a6` and `for_k1`, and its standard deviation.  out (2,)"""
-    variance += for_a6 * for_a6 * total[VAR_A6] + 2.0 * for_a6 * for_k1 * total[COV] + for_k1 * for_k1 * total[VAR_K1]
+    variance += (for_a6 * for_a6 * total[sx.VAR_A6] + 2.0 * for_a6 * for_k1 * total[sx.COV]
+                 + for_k1 * for_k1 * total[sx.VAR_K1])
     out[0], out[1] = value, np.sqrt(variance)
 
 
@@ -85,18 +67,18 @@ def report_air(belief, air, fil, total, contradicted, rep):
     if contradicted:
         return
     n = belief.size.states
-    theta, beta = n + belief.term[AT_THETA], n + belief.term[AT_BETA]
-    a, k = 1.0 + fil.p_bar[A6], 1.0 + fil.p_bar[K1]
+    theta, beta = n + belief.size.theta, n + belief.size.beta
+    a, k = 1.0 + fil.p_bar[sx.A6], 1.0 + fil.p_bar[sx.K1]
     wind = variance = for_a6 = for_k1 = 0.0
     blows = False
     for j in range(belief.size.nuisances):
-        at, role = N_STATES + j, belief.role[j]
+        at, role = sx.N_STATES + j, belief.role[j]
         x, p = fil.x[at], fil.p[at, at]
         if role == WALK or role == TURBULENCE:
             wind += x
             for i in range(belief.size.nuisances):
                 if belief.role[i] == WALK or belief.role[i] == TURBULENCE:
-                    variance += fil.p[at, N_STATES + i]
+                    variance += fil.p[at, sx.N_STATES + i]
             for_a6 += fil.s[at, theta]
             for_k1 += fil.s[at, beta]
             blows = True
@@ -109,7 +91,7 @@ def report_air(belief, air, fil, total, contradicted, rep):
         else:
             report_part(total, x, p, fil.s[at, theta], fil.s[at, beta], rep.offset[role - MISALIGNMENT])
     if blows:
-        known = air_at(air, AIR_WIND, fil.time[LAST]) if belief.constant[AIRY] == 1.0 else 0.0
+        known = sx.air_at(air, sx.AIR_WIND, fil.time[sx.LAST]) if belief.constant[sx.AIRY] == 1.0 else 0.0
         report_part(total, wind / a, variance / (a * a), (for_a6 - wind / a) / a, for_k1 / a, rep.air[:])
         rep.air[0] += known
 
@@ -121,12 +103,12 @@ def report_servo(belief, fil, contradicted, rep):
     rep.actuator[:, :] = np.nan
     rep.actuator_corr[:] = np.nan
     constant, servo = belief.constant, fil.servo
-    unit = (constant[FREQUENCY], constant[DAMPING], 1.0)
+    unit = (constant[sx.FREQUENCY], constant[sx.DAMPING], 1.0)
     for j in range(belief.size.servo):
         if contradicted:
             continue
         scale = belief.servo[j] * unit[j]
-        rep.actuator[j, 0] = (constant[DELAY] if j == BY_DELAY else unit[j]) + scale * servo.mean[j]
+        rep.actuator[j, 0] = (constant[sx.DELAY] if j == BY_DELAY else unit[j]) + scale * servo.mean[j]
         rep.actuator[j, 1] = scale * std_of(belief.size, servo, j)
         for i in range(j):
             shared = 0.0
@@ -177,7 +159,7 @@ def report_changes(profile, watch, rep):
         event = watch.event[number % ch.MAX_EVENTS]
         if event[ch.E_STAGE] == ch.WITHDRAWN:
             continue
-        a6, k1 = profile_at(profile, event[ch.E_TIME])
+        a6, k1 = sx.profile_at(profile, event[ch.E_TIME])
         if event[ch.E_KIND] != ch.K1_JUMP:
-            report_change(event, ch.E_A6_BEFORE, a6, event[ch.E_A6_VARIANCE], A6, rep)
-        report_change(event, ch.E_K1_BEFORE, k1, event[ch.E_K1_VARIANCE], K1, rep)
+            report_change(event, ch.E_A6_BEFORE, a6, event[ch.E_A6_VARIANCE], sx.A6, rep)
+        report_change(event, ch.E_K1_BEFORE, k1, event[ch.E_K1_VARIANCE], sx.K1, rep)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import measure
-from ..filter.belief import A6, COV, K1, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1
+from ..filter import states as sx
 from ..kernels import inner
 
 # (random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of each member
@@ -69,7 +69,7 @@ def absorb(mean, covariance, work, h0, h1, z):
     """One scalar measurement z = h0 a + h1 k + unit noise of one member; returns its log predictive density."""
     row = work.row
     row[:] = 0.0
-    row[A6], row[K1] = h0, h1
+    row[sx.A6], row[sx.K1] = h0, h1
     e, variance = measure(mean, covariance, row[:], 0, MEMBER_STATES, z, work.column[:])
     return -0.5 * (log_of(variance) + e * e / variance)
 
@@ -89,13 +89,13 @@ def mix(state):
     total[:] = 0.0
     for i in range(b):
         state.weight[i] /= norm
-        total[MEAN_A6] += state.weight[i] * state.mean[i, A6]
-        total[MEAN_K1] += state.weight[i] * state.mean[i, K1]
+        total[sx.MEAN_A6] += state.weight[i] * state.mean[i, sx.A6]
+        total[sx.MEAN_K1] += state.weight[i] * state.mean[i, sx.K1]
     for i in range(b):
-        w, d0, d1 = state.weight[i], state.mean[i, A6] - total[MEAN_A6], state.mean[i, K1] - total[MEAN_K1]
-        total[VAR_A6] += w * (state.covariance[i, A6, A6] + d0 * d0)
-        total[COV] += w * (state.covariance[i, A6, K1] + d0 * d1)
-        total[VAR_K1] += w * (state.covariance[i, K1, K1] + d1 * d1)
+        w, d0, d1 = state.weight[i], state.mean[i, sx.A6] - total[sx.MEAN_A6], state.mean[i, sx.K1] - total[sx.MEAN_K1]
+        total[sx.VAR_A6] += w * (state.covariance[i, sx.A6, sx.A6] + d0 * d0)
+        total[sx.COV] += w * (state.covariance[i, sx.A6, sx.K1] + d0 * d1)
+        total[sx.VAR_K1] += w * (state.covariance[i, sx.K1, sx.K1] + d1 * d1)
 
 
 @inner

@@ -19,9 +19,9 @@ import math
 import numpy as np
 
 from ..algebra.elementary import erfc_of
-from ..filter.belief import A6, K1, MEAN_A6, MEAN_K1, VAR_A6, VAR_K1, profile_at
+from ..filter import states as sx
 from ..kernels import inner
-from .changes import E_TIME, EVENTS, MAX_EVENTS
+from . import changes as ch
 
 BANDS = ("0-30", "30-60", "60-100", "out")  # per cent of |sigma|
 UNDECIDED = "undecided"
@@ -94,15 +94,15 @@ def watch_range(sigma, gauge, total, now, t_first, counts, event):
     t_first       in     [s] the first sample
     counts, event in     of `changes.Watch`
     """
-    if not np.isfinite(total[MEAN_A6] + total[MEAN_K1]):
+    if not np.isfinite(total[sx.MEAN_A6] + total[sx.MEAN_K1]):
         return
     onset = np.inf
-    if counts[EVENTS] > gauge.events[0]:
-        onset = event[(counts[EVENTS] - 1) % MAX_EVENTS, E_TIME]
-    gauge.events[0] = counts[EVENTS]
-    sigma_a6, sigma_k1 = profile_at(sigma, now)
-    judge(gauge, A6, total[MEAN_A6] / sigma_a6, math.sqrt(total[VAR_A6]) / sigma_a6, now, t_first, onset)
-    judge(gauge, K1, total[MEAN_K1] / sigma_k1, math.sqrt(total[VAR_K1]) / sigma_k1, now, t_first, onset)
+    if counts[ch.EVENTS] > gauge.events[0]:
+        onset = event[(counts[ch.EVENTS] - 1) % ch.MAX_EVENTS, ch.E_TIME]
+    gauge.events[0] = counts[ch.EVENTS]
+    sigma_a6, sigma_k1 = sx.profile_at(sigma, now)
+    judge(gauge, sx.A6, total[sx.MEAN_A6] / sigma_a6, math.sqrt(total[sx.VAR_A6]) / sigma_a6, now, t_first, onset)
+    judge(gauge, sx.K1, total[sx.MEAN_K1] / sigma_k1, math.sqrt(total[sx.VAR_K1]) / sigma_k1, now, t_first, onset)
 
 
 @inner
@@ -127,6 +127,6 @@ def weigh_bands(gauge, p, mean, std):
 @inner
 def close_range(sigma, gauge, total, t_end):
     """A window closed at t_end [s]: the uncertainty level of both parameters.  Arguments as of `watch_range`."""
-    sigma_a6, sigma_k1 = profile_at(sigma, t_end)
-    weigh_bands(gauge, A6, total[MEAN_A6] / sigma_a6, math.sqrt(total[VAR_A6]) / sigma_a6)
-    weigh_bands(gauge, K1, total[MEAN_K1] / sigma_k1, math.sqrt(total[VAR_K1]) / sigma_k1)
+    sigma_a6, sigma_k1 = sx.profile_at(sigma, t_end)
+    weigh_bands(gauge, sx.A6, total[sx.MEAN_A6] / sigma_a6, math.sqrt(total[sx.VAR_A6]) / sigma_a6)
+    weigh_bands(gauge, sx.K1, total[sx.MEAN_K1] / sigma_k1, math.sqrt(total[sx.VAR_K1]) / sigma_k1)

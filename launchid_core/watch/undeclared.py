@@ -25,10 +25,10 @@ import numpy as np
 
 from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import absorb_rows, measure
-from ..filter.belief import A6, AT_BETA, AT_THETA, CHANGE_BLOCKS, FIRST_STD, K1, profile_at
-from ..filter.states import MOMENT_TEST, N_STATES, N_TESTS
-from ..filter.whiteness import KEEPS_CHANGING, NO_VERDICT, quietest_share
-from ..kernels import inner
+from ..filter import states as sx
+from ..filter.filtered import span_of
+from ..filter.whiteness import KEEPS_CHANGING, NO_VERDICT, contradicted_by, quietest_share
+from ..kernels import inner, kernel
 from .tracker import DRIFTING, MEMBERS, TRACKER_SLOPE, TRACKER_WALK, move
 
 WIND_STATES, LEAN_STATE = 4, 5  # of a filter's state: a6, k1, their slopes, w, d
@@ -58,7 +58,7 @@ def forget_places(state, f, first, last):
         state.mean[f, i] = 0.0
         for j in range(UNDECLARED_SIZE):
             state.covariance[f, i, j], state.covariance[f, j, i] = 0.0, 0.0
-        std = FIRST_STD if i <= K1 else (UNDECLARED_STD if i >= WIND_STATES else DRIFTING[TRACKER_SLOPE])
+        std = sx.FIRST_STD if i <= sx.K1 else (UNDECLARED_STD if i >= WIND_STATES else DRIFTING[TRACKER_SLOPE])
         state.covariance[f, i, i] = std * std
 
 
@@ -83,23 +83,16 @@ def restart_undeclared(state):
     for f in range(FILTERS):
         forget_places(state, f, 0, UNDECLARED_SIZE)
         state.better[f] = 0.0
-    for k in range(N_UNDECLARED_FLAGS):
-        state.flag[k] = 0
+    state.flag[:] = 0
     for slot in range(2):
         remember(state, slot)
     state.number[LASTED] = 0.0
 
 
 @inner
-def free_deviations(state, f):
-    """a6 and k1 have likely changed: nothing is known of them to filter f."""
-    forget_places(state, f, 0, WIND_STATES)
-
-
-@inner
 def begin_block(state):
     """Keep what was known before the block, once in CHANGE_BLOCKS blocks."""
-    if state.flag[AGE] >= CHANGE_BLOCKS:
+    if state.flag[AGE] >= sx.CHANGE_BLOCKS:
         state.flag[NEWER], state.flag[AGE] = 1 - state.flag[NEWER], 0
         remember(state, state.flag[NEWER])
     state.flag[AGE] += 1
@@ -107,12 +100,11 @@ def begin_block(state):
 
 @inner
 def go_back(state, blocks):
-    """a6 or k1 changed `blocks` (at most CHANGE_BLOCKS) ago: the first filter knows what it knew of w and d before,
-    and of a6
-    and k1 nothing."""
+    """a6 or k1 changed `blocks` (at most CHANGE_BLOCKS) ago: the first filter knows what it knew of w and d before, and
+    of a6 and k1 nothing."""
     slot = state.flag[NEWER] if state.flag[AGE] >= blocks else 1 - state.flag[NEWER]
     copy_knowledge(state.past[slot], state.past_covariance[slot], state.mean[CONSTANT], state.covariance[CONSTANT])
-    free_deviations(state, CONSTANT)
+    forget_places(state, CONSTANT, 0, WIND_STATES)
 
 
 @inner
@@ -123,7 +115,7 @@ def take_up_again(state):
         restart_undeclared(state)
     else:
         for f in range(FILTERS):
-            free_deviations(state, f)
+            forget_places(state, f, 0, WIND_STATES)
         state.flag[DOUBT] = NO_VERDICT
 
 
@@ -153,37 +145,25 @@ def forget_constants(covariance, dt):
 @inner
 def distance(mean, covariance):
     """Chi square of two by which w and d differ from none; inf if rounding has made their covariance none."""
-    w, d = mean[WIND_STATES], mean[LEAN_STATE]
-    a, b, c = covariance[WIND_STATES, WIND_STATES], covariance[WIND_STATES, LEAN_STATE], covariance[LEAN_STATE,
-                                                                                                    LEAN_STATE]
-    determinant = a * c - b * b
-    return max(c * w * w - 2.0 * b * w * d + a * d * d, 0.0) / determinant if determinant > 0.0 else np.inf
+    w, d, c = mean[WIND_STATES], mean[LEAN_STATE], covariance[WIND_STATES:]
+    ww, wd, dd = c[0, WIND_STATES], c[0, LEAN_STATE], c[1, LEAN_STATE]
+    determinant = ww * dd - wd * wd
+    return max(dd * w * w - 2.0 * wd * w * d + ww * d * d, 0.0) / determinant if determinant > 0.0 else np.inf
 
 
 @inner
 def reduce_moment(belief, work, triangle, share):
-    """work.triangle (N_BLOCK_COLUMNS, N_BLOCK_COLUMNS) out: of the block's (c, c), the columns of a6, k1,
-    acceleration, right-hand side, as if
-    its noise were 1/share of what it is."""
+    """work.triangle (N_BLOCK_COLUMNS, N_BLOCK_COLUMNS) out: of the block's (c, c), the columns of a6, k1, acceleration,
+    right-hand side, as if its noise were 1/share of what it is."""
     c = belief.size.columns
-    first = c - 1 - N_TESTS
+    first = c - 1 - sx.N_TESTS
     for i in range(c):
-        work.rows[0, i] = share * triangle[i, N_STATES + belief.term[AT_THETA]]
-        work.rows[1, i] = share * triangle[i, N_STATES + belief.term[AT_BETA]]
-        work.rows[2, i] = share * triangle[i, first + MOMENT_TEST]
+        work.rows[0, i] = share * triangle[i, sx.N_STATES + belief.size.theta]
+        work.rows[1, i] = share * triangle[i, sx.N_STATES + belief.size.beta]
+        work.rows[2, i] = share * triangle[i, first + sx.MOMENT_TEST]
         work.rows[3, i] = share * triangle[i, c - 1]
-    for i in range(N_BLOCK_COLUMNS):
-        for j in range(N_BLOCK_COLUMNS):
-            work.triangle[i, j] = 0.0
+    work.triangle[:, :] = 0.0
     absorb_rows(work.triangle[:], work.rows[:], N_BLOCK_COLUMNS, c)
-
-
-@inner
-def go_on_from(state, f):
-    """Both filters go on from what filter f knows."""
-    copy_knowledge(state.mean[f], state.covariance[f], state.mean[1 - f], state.covariance[1 - f])
-    for k in range(FILTERS):
-        state.better[k] = 0.0
 
 
 @inner
@@ -191,10 +171,10 @@ def choose_filter(state, better):
     """The second filter predicted the block better by so many nats: it may be the one to go on from, or not."""
     state.better[NEW] = max(state.better[NEW] + better, 0.0)
     state.better[CONSTANT] = max(state.better[CONSTANT] - better, 0.0)
-    if state.better[NEW] > SECOND_EVENT:
-        go_on_from(state, NEW)
-    elif state.better[CONSTANT] > SECOND_EVENT:
-        go_on_from(state, CONSTANT)
+    for f in range(FILTERS):
+        if state.better[f] > SECOND_EVENT:  # both go on from it
+            copy_knowledge(state.mean[f], state.covariance[f], state.mean[1 - f], state.covariance[1 - f])
+            state.better[:] = 0.0
 
 
 @inner
@@ -208,16 +188,14 @@ def pace(weight):
     return math.sqrt(walk), math.sqrt(slope)
 
 
-@inner
-def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt, t, dt):
-    """A block of dt [s] was gathered, which ends at t [s].
-
-    triangle (c, c)  in  square-root information of the block (`table.ACCUMULATOR_WORK`)
-    weight   (b,)    in  of the tracker's members
-    doubt            in  what else contradicts the model (`whiteness.contradicted_by`)
-    """
+@kernel
+def follow_undeclared(block, profile):
+    """Take what a block that was gathered says of wind and misalignment that nobody declared."""
+    belief, fil, state, work = block[0].fixed.belief, block[0].state.filter, block[0].state.undeclared, block[0].work
     if belief.size.undeclared == 0:
         return
+    doubt = contradicted_by(block[0].state.check)  # what else contradicts the model
+    dt, t = span_of(block[0].fixed, block[0].state)
     if doubt != NO_VERDICT:
         state.flag[DOUBT] = max(state.flag[DOUBT], doubt)
     elif state.flag[DOUBT] != NO_VERDICT:
@@ -227,9 +205,9 @@ def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt
     if doubt == KEEPS_CHANGING:
         return
     begin_block(state)
-    reduce_moment(belief, work, triangle, quietest_share(fil.level))
-    a6, k1 = profile_at(profile, t)
-    walk, slope = pace(weight)
+    reduce_moment(belief, work.undeclared, work.acc.triangle, quietest_share(fil.level))
+    a6, k1 = sx.profile_at(profile, t)
+    walk, slope = pace(block[0].state.bank.weight)
     better = 0.0
     for f in range(FILTERS):
         mean, covariance = state.mean[f], state.covariance[f]
@@ -239,10 +217,10 @@ def follow_undeclared(belief, profile, fil, state, work, triangle, weight, doubt
         for k in range(WIND_STATES, UNDECLARED_SIZE):
             covariance[k, k] += UNDECLARED_WALK * UNDECLARED_WALK * dt
         for i in range(N_BLOCK_COLUMNS - 1):
-            r, row = work.triangle[i], work.row[:]
+            r, row, column = work.undeclared.triangle[i], work.undeclared.row[:], work.undeclared.column[:]
             row[:] = 0.0
-            row[A6], row[K1], row[WIND_STATES], row[LEAN_STATE] = r[0], r[1], a6 * r[2], k1 * r[2]
-            e, variance = measure(mean, covariance, row, 0, UNDECLARED_SIZE, r[N_BLOCK_COLUMNS - 1], work.column[:])
+            row[sx.A6], row[sx.K1], row[WIND_STATES], row[LEAN_STATE] = r[0], r[1], a6 * r[2], k1 * r[2]
+            e, variance = measure(mean, covariance, row, 0, UNDECLARED_SIZE, r[N_BLOCK_COLUMNS - 1], column)
             density = -0.5 * (log_of(variance) + e * e / variance)
             better += density if f == NEW else -density
     choose_filter(state, better)

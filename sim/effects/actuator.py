@@ -27,9 +27,11 @@ LONGEST_DELAY = 10.0     # s: no attitude loop outlives a tenth of it
 WIDEST_BANDWIDTH = 10.0  # the servo must stay within what the integration step resolves
 
 ACTUATOR_EFFECTS = (
-    Cause("actuator_delay", "actuator", (Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY),)),
-    Cause("actuator_gain", "actuator", (Parameter("scale", "", neutral=1.0),)),
-    Cause("actuator_bias", "actuator", (Parameter("angle", "rad", neutral=0.0),)),
+    Cause("actuator_delay", "actuator", (
+        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="actuator_delay"),)),
+    Cause("actuator_gain", "actuator", (  # of the servo's amplifier
+        Parameter("scale", "", neutral=1.0, into="actuator_gain"),)),
+    Cause("actuator_bias", "actuator", (Parameter("angle", "rad", neutral=0.0, into="actuator_bias"),)),  # its null
     Cause("actuator_backlash", "actuator", (Parameter("half_width", "rad", neutral=0.0, low=0.0),)),
     Cause("actuator_bandwidth", "actuator", (
         Parameter("scale", "", neutral=1.0, low=0.0, high=WIDEST_BANDWIDTH, above=True),
@@ -45,12 +47,6 @@ ACTUATOR_EFFECTS = (
 def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
     """Add the effect of this name, with these values, to what the flight's effects change."""
     match name:
-        case "actuator_delay":
-            of.actuator_delay += p["delay"]
-        case "actuator_gain":  # of the servo's amplifier
-            of.actuator_gain *= p["scale"]
-        case "actuator_bias":  # the servo's null is off
-            of.actuator_bias += p["angle"]
         case "actuator_backlash":
             of.inputs.append((PLAY, p["half_width"], 0.0))
         case "actuator_bandwidth":

@@ -15,8 +15,7 @@ from ..errors import UsageError, did_you_mean
 from . import actuator, controller, environment, plant, sensor
 from .table import CENTRE, Cause, Changes, Effect, Parameter
 
-_PLACES: dict[str, Any] = {"plant": plant, "environment": environment, "actuator": actuator, "sensor": sensor,
-                           "controller": controller}
+_PLACES: dict[str, Any] = {"plant": plant, "environment": environment, "actuator": actuator}  # of more than numbers
 CATALOGUE: dict[str, Cause] = {cause.name: cause for cause in (
     *plant.PLANT_EFFECTS, *environment.ENVIRONMENT_EFFECTS, *actuator.ACTUATOR_EFFECTS, *sensor.SENSOR_EFFECTS,
     *controller.CONTROLLER_EFFECTS)}
@@ -137,5 +136,9 @@ def pack(effects: Iterable[Effect], step: float, centre: float = math.nan) -> Ch
         if "frequency" in given and not given["frequency"] * step <= RADIANS_PER_STEP:
             raise UsageError(f"effect {each.name}: frequency = {given['frequency']!r}: expected at most "
                              f"{RADIANS_PER_STEP / step:g} rad/s, what the simulation's step of {step:g} s resolves")
-        _PLACES[cause.where].change(changes, each.name, given)
+        for parameter in cause.parameters:
+            if parameter.into:
+                changes.join(parameter, given[parameter.name])
+        if cause.where in _PLACES:
+            _PLACES[cause.where].change(changes, each.name, given)
     return changes

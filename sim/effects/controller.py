@@ -5,26 +5,15 @@ is issued (and logged) is the mean over the period of the command computed `dela
 earlier: a whole number of periods shifts it, a part of one mixes two neighbours.
 Before the first the command was 0.
 
-To add an effect: its row in CONTROLLER_EFFECTS, its branch in `change`.
+To add an effect: its row in CONTROLLER_EFFECTS.
 """
 
-from collections.abc import Mapping
-
 from .actuator import LONGEST_DELAY
-from .table import Cause, Changes, Parameter
+from .table import Cause, Parameter
 
 CONTROLLER_EFFECTS = (
     Cause("controller_mismatch", "controller", (
-        Parameter("kp_scale", "", neutral=1.0),
-        Parameter("kd_scale", "", neutral=1.0),
-        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY))),
+        Parameter("kp_scale", "", neutral=1.0, into="kp_scale"),  # gains on board that are not those of the simulation
+        Parameter("kd_scale", "", neutral=1.0, into="kd_scale"),
+        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="computing_time"))),
 )
-
-
-def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
-    """Add the effect of this name, with these values, to what the flight's effects change."""
-    match name:
-        case "controller_mismatch":  # gains on board that are not those of the simulation
-            of.kp_scale *= p["kp_scale"]
-            of.kd_scale *= p["kd_scale"]
-            of.computing_time += p["delay"]

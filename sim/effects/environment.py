@@ -26,7 +26,7 @@ ENVIRONMENT_EFFECTS = (
         Parameter("angle", "rad", neutral=0.0),
         Parameter("time", "s"),
         Parameter("duration", "s", low=0.0, above=True))),
-    Cause("steady_wind", "environment", (Parameter("angle", "rad", neutral=0.0),)),
+    Cause("steady_wind", "environment", (Parameter("angle", "rad", neutral=0.0, into="steady_wind"),)),
     Cause("periodic_disturbance", "environment", (
         Parameter("amplitude", "rad/s^2", neutral=0.0),
         Parameter("frequency", "rad/s", low=0.0, above=True),
@@ -43,8 +43,6 @@ def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
     match name:
         case "gust":
             of.timed.append((GUST_KIND, p["angle"], p["time"], p["duration"]))
-        case "steady_wind":
-            of.steady_wind += p["angle"]
         case "periodic_disturbance":
             of.timed.append((SINE_KIND, p["amplitude"], p["frequency"], p["phase"]))
         case "turbulence":

@@ -30,10 +30,11 @@ PLANT_EFFECTS = (
         Parameter("fraction", "", neutral=0.0, low=-1.0, high=1.0),  # below 0: thrust or arm gained
         Parameter("time", "s"))),
     Cause("aero_instability", "plant", (Parameter("scale", "", neutral=1.0),)),
-    Cause("aero_damping", "plant", (Parameter("coefficient", "1/s", neutral=0.0),)),
-    Cause("aero_cubic", "plant", (Parameter("coefficient", "1/rad^2", neutral=0.0),)),
-    Cause("friction", "plant", (Parameter("coefficient", "rad/s^2", neutral=0.0, low=0.0),)),
-    Cause("thrust_misalignment", "plant", (Parameter("angle", "rad", neutral=0.0),)),
+    Cause("aero_damping", "plant", (Parameter("coefficient", "1/s", neutral=0.0, into="aero_damping"),)),
+    Cause("aero_cubic", "plant", (Parameter("coefficient", "1/rad^2", neutral=0.0, into="aero_cubic"),)),
+    Cause("friction", "plant", (Parameter("coefficient", "rad/s^2", neutral=0.0, low=0.0, into="friction"),)),
+    Cause("thrust_misalignment", "plant", (
+        Parameter("angle", "rad", neutral=0.0, into="thrust_misalignment"),)),
     Cause("slosh", "plant", (
         Parameter("coupling", "", neutral=0.0, low=-0.9, high=10.0),  # -1 takes all stiffness from the mode
         Parameter("frequency", "rad/s", low=0.0, above=True),
@@ -46,9 +47,10 @@ PLANT_EFFECTS = (
         Parameter("term", "term"),
         Parameter("coefficient", "rad/s^2 per unit of the term", neutral=0.0))),
     Cause("moment_step", "plant", (Parameter("acceleration", "rad/s^2", neutral=0.0), Parameter("time", "s"))),
-    Cause("nozzle_inertia", "plant", (Parameter("coefficient", "", neutral=0.0),)),
+    Cause("nozzle_inertia", "plant", (Parameter("coefficient", "", neutral=0.0, into="nozzle_inertia"),)),
     Cause("control_slope", "plant", (Parameter("slope", "1/s", neutral=0.0), Parameter("middle", "s", default=CENTRE))),
-    Cause("lateral_drift", "plant", (Parameter("z_alpha", "1/s"), Parameter("z_beta", "1/s"))),
+    Cause("lateral_drift", "plant", (
+        Parameter("z_alpha", "1/s", into="z_alpha"), Parameter("z_beta", "1/s", into="z_beta"))),
 )
 
 
@@ -57,14 +59,6 @@ def change(of: Changes, name: str, p: Mapping[str, Any]) -> None:
     match name:
         case "control_effectiveness" | "control_loss" | "aero_instability" | "control_slope":
             of.parameters.append((name, dict(p)))
-        case "aero_damping":
-            of.aero_damping += p["coefficient"]
-        case "aero_cubic":
-            of.aero_cubic += p["coefficient"]
-        case "friction":
-            of.friction += p["coefficient"]
-        case "thrust_misalignment":
-            of.thrust_misalignment += p["angle"]
         case "slosh":
             w = p["frequency"]
             of.modes.append((0.0, w * w, 2.0 * p["damping_ratio"] * w, p["coupling"] * w * w, *np.zeros(6)))
@@ -76,11 +70,6 @@ def change(of: Changes, name: str, p: Mapping[str, Any]) -> None:
             of.terms.append((p["coefficient"], theta, theta_dot, beta, function, argument))
         case "moment_step":
             of.timed.append((JUMP_KIND, p["acceleration"], p["time"] - AT_ONSET, 0.0))
-        case "nozzle_inertia":
-            of.nozzle_inertia += p["coefficient"]
-        case "lateral_drift":
-            of.z_alpha += p["z_alpha"]
-            of.z_beta += p["z_beta"]
 
 
 def parameters(of: Changes, t: np.ndarray, a6: np.ndarray, k1: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

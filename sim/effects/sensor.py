@@ -9,44 +9,30 @@ the `ideal` suite as well: its sensors are free of noise, not of these.
 Assumption: `bending` moves the place where attitude and rate are measured, so it
 comes before these.
 
-To add an effect: its row in SENSOR_EFFECTS, its branch in `change`, its equation in a kernel.
+To add an effect: its row in SENSOR_EFFECTS, its equation in a kernel.
 """
 
 import math
-from collections.abc import Mapping
 
 from ..vehicle.kernels import inner
 from .actuator import LONGEST_DELAY
 from .plant import deflection
-from .table import Cause, Changes, Parameter
+from .table import Cause, Parameter
 
 ATTITUDE_ROW, RATE_ROW = range(2)  # rows of the history
 
 SENSOR_EFFECTS = (
-    Cause("attitude_delay", "sensor", (Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY),)),
-    Cause("attitude_bias", "sensor", (Parameter("angle", "rad", neutral=0.0),)),
-    Cause("gyro_delay", "sensor", (Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY),)),
-    Cause("gyro_scale", "sensor", (Parameter("scale", "", neutral=1.0),)),
-    Cause("gyro_bias", "sensor", (Parameter("rate", "rad/s", neutral=0.0),)),
-    Cause("nozzle_sensor_bias", "sensor", (Parameter("angle", "rad", neutral=0.0),)),
+    Cause("attitude_delay", "sensor", (
+        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="attitude_delay"),)),
+    Cause("attitude_bias", "sensor", (  # mounting of the attitude reference
+        Parameter("angle", "rad", neutral=0.0, into="attitude_bias"),)),
+    Cause("gyro_delay", "sensor", (
+        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="gyro_delay"),)),
+    Cause("gyro_scale", "sensor", (Parameter("scale", "", neutral=1.0, into="gyro_scale"),)),
+    Cause("gyro_bias", "sensor", (Parameter("rate", "rad/s", neutral=0.0, into="gyro_bias"),)),  # drift of the gyro
+    Cause("nozzle_sensor_bias", "sensor", (  # null of the nozzle's sensor
+        Parameter("angle", "rad", neutral=0.0, into="nozzle_sensor_bias"),)),
 )
-
-
-def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
-    """Add the effect of this name, with these values, to what the flight's effects change."""
-    match name:
-        case "attitude_delay":
-            of.attitude_delay += p["delay"]
-        case "attitude_bias":  # mounting of the attitude reference
-            of.attitude_bias += p["angle"]
-        case "gyro_delay":
-            of.gyro_delay += p["delay"]
-        case "gyro_scale":
-            of.gyro_scale *= p["scale"]
-        case "gyro_bias":  # drift of the gyro
-            of.gyro_bias += p["rate"]
-        case "nozzle_sensor_bias":  # null of the nozzle's sensor
-            of.nozzle_sensor_bias += p["angle"]
 
 
 @inner

@@ -34,6 +34,7 @@ class Parameter:
     neutral  changes nothing; None: there is none, so the parameter is required unless it has a default
     default  [unit] taken when left out, for parameters without a neutral value
     low, high  [unit] allowed, ends included; `above`: the low end is not
+    into     number of `Changes` that it joins: a factor where its neutral value is 1, else a summand; '': none
     """
 
     name: str
@@ -43,6 +44,7 @@ class Parameter:
     low: float = -math.inf
     high: float = math.inf
     above: bool = False
+    into: str = ""
 
     @property
     def is_term(self) -> bool:
@@ -127,3 +129,8 @@ class Changes:
     kp_scale: float = 1.0
     kd_scale: float = 1.0
     computing_time: float = 0.0        # s
+
+    def join(self, parameter: Parameter, value: float) -> None:
+        """Add a parameter's value to the number that it joins, or multiply it."""
+        now = getattr(self, parameter.into)
+        setattr(self, parameter.into, now * value if parameter.neutral == 1.0 else now + value)

@@ -25,14 +25,14 @@ from ..sections import (
     Simulation,
     Wind,
 )
-from .profiles import constant_profile, read_profile
+from .profiles import constant_profile
 from .reader import parsed, text_of
 from .rewriter import rewrite_nominal
 from .writer import nominal_lines, write_nominal
 
 __all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Drift", "Forecast", "Guidance", "Multisine", "Nominal",
            "Offsets", "Profile", "Required", "Section", "Sensors", "Simulation", "Wind", "built_in", "constant_profile",
-           "load_nominal", "locate", "nominal_lines", "read_profile", "rewrite_nominal", "write_nominal",
+           "load_nominal", "locate", "nominal_lines", "rewrite_nominal", "write_nominal",
            "wrong_feedback"]
 
 DATA = Path(__file__).parents[1] / "data"

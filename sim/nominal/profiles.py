@@ -19,11 +19,6 @@ def constant_profile(a6: float, k1: float) -> Profile:
     return Profile(np.zeros(1), np.array([a6]), np.array([k1]))
 
 
-def read_profile(path: Path) -> Profile:
-    """Read a CSV with the header t,a6,k1 and increasing times; InputError naming line and column otherwise."""
-    return Profile(path=str(path), **read_columns(path, VEHICLE))
-
-
 def read_columns(path: Path, header: tuple[str, ...]) -> dict[str, np.ndarray]:
     """The columns of a CSV with this header, t first and increasing; InputError naming line and column otherwise."""
     reads(path)

@@ -18,10 +18,10 @@ from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
+from launchid_core.filter import states as sx
 from launchid_core.gate import ring as rb
 from launchid_core.order import onboard as ob
 from launchid_core.order.memory import named_arrays
-from launchid_core.watch import tracker as tr
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 from sim.sections import Offsets, Wind
@@ -531,7 +531,7 @@ def test_what_cannot_be_is_not_sound_each_by_itself():
             array[place] = NAN
             assert not is_sound(size, fil, total), place
             array[place] = kept
-    for place in (tr.VAR_A6, tr.VAR_K1):
+    for place in (sx.VAR_A6, sx.VAR_K1):
         for value, sound in ((0.0, True), (-1e-12, False)):
             kept, total[place] = total[place], value
             assert is_sound(size, fil, total) == sound

@@ -16,10 +16,10 @@ from launchid.identification.windows import onboard_model, run
 from launchid.test_input import plan
 from launchid_core import Config, Estimator, Sample
 from launchid_core.algebra import linsolve
-from launchid_core.filter import belief as bl
 from launchid_core.filter import filtered as fl
+from launchid_core.filter import kalman as km
 from launchid_core.filter import servo as sv
-from launchid_core.filter import transition as tn
+from launchid_core.filter import states as sx
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 
@@ -29,7 +29,7 @@ PERIOD = 0.01
 
 
 absorb_rows, fill_transition, set_step, filter_sample = map(unjitted, (
-    linsolve.absorb_rows, tn.fill_transition, sv.set_step, fl.filter_sample))
+    linsolve.absorb_rows, km.fill_transition, sv.set_step, fl.filter_sample))
 
 
 def parts(noise: str = "estimated"):
@@ -71,7 +71,7 @@ def rows_of(seed: int, n: int, nominal=None) -> np.ndarray:
 def test_one_step_is_the_matrix_exponential(damping):
     """The state over a step and what the command and a held acceleration do to it, a6 d h^3/6 apart."""
     belief, fil, work = stepped()
-    belief.constant[bl.AERO_DAMPING] = damping
+    belief.constant[sx.AERO_DAMPING] = damping
     set_step(belief.constant, *belief.constant[:2], PERIOD, work, fil.step)
     fill_transition(belief, fil, work.transition, 2.0, -7.0, work.push)
     whole = linalg.expm(system(2.0, -7.0, 50.0, 0.7, damping) * PERIOD)

@@ -12,10 +12,7 @@ from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator
-from launchid_core.filter import belief as bl
 from launchid_core.filter import states as sx
-from launchid_core.gate import ring as rb
-from launchid_core.order import block as bk
 from launchid_core.watch import changes as ch
 from launchid_core.watch import tracker as tr
 from sim.nominal import load_nominal
@@ -45,14 +42,6 @@ def opened(watch, blocks: int, belief=BELIEF, first: float = 0.0) -> None:
 
 
 # ---- tracker
-
-
-def test_evidence_is_judged_by_its_differences_alone():
-    """exp of a flight's log density underflows: the largest is taken out first."""
-    bank = parts().state.bank
-    bank.evidence[:] = -5000.0, -5001.0
-    mix(bank)
-    assert bank.weight == pytest.approx([1.0 / (1.0 + math.exp(-1.0)), 1.0 / (1.0 + math.e)])
 
 
 def test_the_mixture_has_the_members_spread_in_its_variance():
@@ -139,22 +128,12 @@ def test_the_onsets_time_is_the_mean_of_the_blocks_by_their_factors():
     assert std == pytest.approx(math.sqrt(0.2 * 0.11**2 + 0.5 * 0.01**2 + 0.3 * 0.09**2 + 0.1**2 / 12.0))
 
 
-def test_the_onsets_spread_is_never_the_root_of_a_rounding_error():
-    """All but the newest block, after a long gap, began together: the variance is zero but for rounding."""
-    watch = parts().state.watch
-    opened(watch, 4)
-    watch.start[:3], watch.start[3] = 0.0, 1e12
-    for w in np.linspace(0.01, 0.99, 50):
-        watch.factor[:4, 0] = 0.0, math.log(w), -1e6, -1e6
-        assert onset_time(watch, 0, 0.0, 0.1)[1] >= 0.1 / math.sqrt(12.0)
-
-
 # ---- changes: events
 
 
 def alarm(watch, slot: int, kind: int, t_now: float):
     """Raise it; returns the belief after, and the last event."""
-    after = np.zeros(bl.N_BELIEF)
+    after = np.zeros(sx.N_BELIEF)
     raise_alarm(watch, slot, kind, float(watch.factor[slot, kind]), 0.1, t_now, after)
     return after, watch.event[(watch.counts[ch.EVENTS] - 1) % ch.MAX_EVENTS]
 
@@ -164,48 +143,9 @@ def test_the_last_events_leave_oldest_first():
     watch = estimator._parts.state.watch
     for k in range(ch.MAX_EVENTS + 3):
         opened(watch, 1, first=float(k))
-        _, event = alarm(watch, int(watch.counts[ch.NEXT] - 1) % ch.CHANGE_BLOCKS, ch.K1_JUMP, float(k))
+        _, event = alarm(watch, int(watch.counts[ch.NEXT] - 1) % sx.CHANGE_BLOCKS, ch.K1_JUMP, float(k))
         assert event[ch.E_STAGE] == ch.OPEN  # also where an older one stood
         event[ch.E_STAGE] = ch.FINAL
     for _ in range(2):  # asking changes nothing
         assert [change.t for change in estimator.changes()] == list(range(3, ch.MAX_EVENTS + 3))
         assert {change.parameter for change in estimator.changes()} == {"k1"}
-
-
-# ---- a block that is watched
-
-
-def watch_block(cut) -> bool:
-    """A block of 0.1 s without a row, from 0.4 s on, is used; returns whether a change moved the filter's state."""
-    seen, rows, period = cut.memory.seen, cut.apart["rows"], cut.fixed.limits[rb.PERIOD]
-    cut.state.acc.start[0], cut.state.filter.time[sx.LAST] = 0.4, 0.5 - period
-    bk.reduce_rows(seen, rows)
-    bk.estimate_undeclared_wind(seen, cut.apart["profile"])
-    return bool(bk.detect_change(seen, bk.track_block(seen)))
-
-
-def watched(factor: float):
-    """A quiet block, after four, one of which stands at this factor; returns (alarm raised, parts)."""
-    cut = parts()
-    state = cut.state
-    opened(state.watch, 4)
-    state.watch.factor[1, ch.BOTH_JUMP], state.watch.mean[1, ch.BOTH_JUMP] = factor, (0.4, -0.3)
-    state.watch.carried[1] = 0.5
-    state.filter.s[:, 4:] = 2.0
-    state.filter.s[:, :4] = np.eye(4)
-    return watch_block(cut), cut
-
-
-def test_an_alarm_moves_state_and_linearisation_and_restarts_the_tracker():
-    """x <- x + s (p_before - p_bar) + (s - carried) (p_after - p_before); s - carried; p gains the slip."""
-    _, cut = watched(ch.THRESHOLD + 1.0)
-    fil, bank = cut.state.filter, cut.state.bank
-    step = np.array([0.4 - 0.1, -0.3 + 0.2])
-    assert fil.p_bar.tolist() == [0.4, -0.3]
-    assert fil.s[:, 4:6] == pytest.approx(np.full(QUIET, 1.5)) and (fil.s[:, 6:] == 2.0).all()
-    assert fil.x == pytest.approx(np.full(4, 2.0 * (0.1 - 0.2) + 1.5 * step.sum()))
-    blocks = 4  # onset 1 of 0..4
-    assert fil.p == pytest.approx(np.full((4, 4), (1.5 * step.sum()) ** 2 / (12.0 * blocks**2)))
-    assert bank.mean[:, :2].tolist() == [[0.4, -0.3]] * 2
-    jump = ch.JUMP_STD**2
-    assert bank.total[[tr.VAR_A6, tr.VAR_K1]] == pytest.approx([0.01 + jump, 0.02 + jump])

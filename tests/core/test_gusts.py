@@ -13,8 +13,7 @@ from launchid.identification.windows import onboard_model, run
 from launchid_core import Config, Estimator
 from launchid_core.filter import filtered as fl
 from launchid_core.gate import ring as rb
-from launchid_core.order import block as bk
-from launchid_core.watch import changes as ch
+from launchid_core.order import onboard as ob
 from launchid_core.watch import gusts as gu
 from sim.effects import from_text
 from sim.flight import Flight, fly_whole
@@ -28,7 +27,7 @@ BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their va
 FAR = 4.0  # own standard deviations
 
 mix_gust, blow, see_block, carry_gust, follow_gust, accept_gust = map(
-    unjitted, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, bk.accept_gust))
+    unjitted, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, ob.accept_gust))
 
 
 def config(nominal=DECLARED, window: float = 1.0) -> Config:
@@ -87,15 +86,6 @@ def test_a_block_is_seen_as_by_a_linear_regression_and_carried_on(cut):
     assert gust.covariance == pytest.approx(gust.covariance.T, rel=1e-12)
 
 
-def test_in_a_block_the_wind_does_what_is_declared_and_not_expected(cut):
-    """Walk 0.005 rad/sqrt(s), turbulence 0.005 rad over 1 s, of which the filter expects a tenth."""
-    blow(cut.fixed.belief, cut.state.filter, cut.state.gust, 0.1)
-    expected = np.zeros(len(cut.state.gust.mean))
-    expected[4], expected[5] = 0.005**2 * 0.1 * 0.99, 0.005**2 * (1.0 - math.exp(-0.2)) * 0.99
-    expected[-2:] = gu.WANDER**2 * 0.1
-    assert np.diag(cut.state.gust.covariance) == pytest.approx(expected)
-
-
 def test_without_data_a_gust_is_as_likely_as_they_come_and_go(cut):
     """A block that tells nothing has density 1 under both: the share goes to APART^-1/(APART^-1 + LASTS^-1)."""
     n = len(cut.state.gust.mean)
@@ -103,23 +93,8 @@ def test_without_data_a_gust_is_as_likely_as_they_come_and_go(cut):
         density = follow_gust(cut.fixed.belief, cut.state.filter, cut.state.gust, cut.work.gust,
                               np.zeros((n + 1, n + 1)), BELIEF, 0.1, 0.0)
         assert density == pytest.approx(0.0, abs=1e-12)
-    assert cut.state.gust.number[gu.GUST_SHARE] == pytest.approx(gu.GUST_LASTS / (gu.MEAN_CALM + gu.GUST_LASTS),
+    assert cut.state.gust.number[0] == pytest.approx(gu.GUST_LASTS / (gu.MEAN_CALM + gu.GUST_LASTS),
                                                                  rel=0.05)
-
-
-def test_a_gust_that_is_taken_over_leaves_k1_open(cut):
-    """The gust may have been a loss of k1: the variance of a jump is added, onsets before are no onsets any more."""
-    state = cut.state
-    mean, covariance = guessed(state.gust, 6)
-    state.watch.counts[ch.KEPT_EVENTS] = 5
-    unsure = -math.log(0.1 / gu.MEAN_CALM) + 0.01
-    assert not accept_gust(cut.fixed.belief, state, -1.0, 0.1)
-    state.gust.number[gu.GUST_SHARE] = 0.95
-    assert not accept_gust(cut.fixed.belief, state, unsure, 0.1) and state.watch.counts[ch.KEPT_EVENTS] == 5
-    assert accept_gust(cut.fixed.belief, state, unsure - 0.02, 0.1) and state.watch.counts[ch.KEPT_EVENTS] == 0
-    assert state.bank.total == pytest.approx([mean[-2], mean[-1], covariance[-2, -2], covariance[-2, -1],
-                                              covariance[-1, -1] + ch.JUMP_STD**2])
-    assert state.gust.number[gu.GUST_SHARE] == 0.0 and not state.gust.covariance.any()
 
 
 # ---- in flight
@@ -152,7 +127,7 @@ def test_what_was_suspected_before_a_gap_is_nothing_after_it():
     at = next(k for k, row in enumerate(rows)
               if one.update(row) >= 0 and row.t > 40.0
               and state.acc.counts[fl.BLOCK_ROWS] == state.counts[rb.WAITING] == 0
-              and 0.01 < state.gust.number[gu.GUST_SHARE] < 0.9)
+              and 0.01 < state.gust.number[0] < 0.9)
     two = Estimator(config())
     two.restore(one.save())
     two._parts.state.gust.number[:], two._parts.state.gust.mean[:] = 0.0, 0.0

@@ -23,8 +23,6 @@ from pathlib import Path
 import numba
 import pytest
 
-from launchid_core import cache
-
 SERVER = """
 import atexit, json, os, sys
 import numba
@@ -132,7 +130,6 @@ if len(sys.argv) > 1:
     while time.time() < float(sys.argv[1]): pass
 print(a.outer(2.0), a.other(2.0), len(made))
 """
-LIMITED = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (10000, 10000))\n"
 HOST = """
 import numba
 before = numba.config.CACHE_DIR
@@ -217,54 +214,6 @@ def test_an_edit_compiles_anew_what_imports_the_file_whatever_its_time_and_size(
     assert toy.run() == WARM, "what was kept of the first is still good"
 
 
-@pytest.mark.parametrize("line", [
-    "from . import c\n", "from .c import FACTOR as F\n", "from .inner import g\n", "from .inner.g import G\n",
-    "from .inner import (  # where\n    g as h,\n)\n", "from .inner import NAMED\n",
-    "from launchid_core import Config\n", "import numpy as np\nfrom .c import FACTOR\n"])
-def test_the_digest_is_of_what_any_form_of_import_names(tmp_path, monkeypatch, line):
-    """A byte more in a file that is named, or that one imports, is another digest; in one that is not, the same."""
-    files = {"a": line, "c": "FACTOR = 1\n", "d": "", "inner/__init__": "from ..c import FACTOR as NAMED\n",
-             "inner/g": "from ..c import FACTOR\nG = FACTOR\n"}
-    (tmp_path / "toy" / "inner").mkdir(parents=True)
-    for name, text in files.items():
-        (tmp_path / "toy" / f"{name}.py").write_text(text)
-    monkeypatch.setitem(sys.modules, "toy.a", type(sys)("toy.a"))
-    sys.modules["toy.a"].__file__ = str(tmp_path / "toy" / "a.py")
-
-    def digest() -> str:
-        cache.looked_through.cache_clear()
-        return cache.digest_of("toy.a")
-
-    def changes(name: str) -> bool:
-        before = digest()
-        with (tmp_path / "toy" / f"{name}.py").open("a") as file:
-            file.write("#\n")
-        return digest() != before
-
-    try:
-        assert changes("a") and not changes("d")
-        assert changes("c") == ("launchid_core" not in line)
-        assert changes("inner/g") == ("inner" in line and "NAMED" not in line)
-    finally:
-        cache.looked_through.cache_clear()
-
-
-def test_an_edit_of_a_package_changes_the_digest_of_what_is_built_on_it(tmp_path, monkeypatch):
-    for package, text in (("launchid_core", ""), ("sim", "from launchid_core import compiled\n")):
-        (tmp_path / package / "room").mkdir(parents=True)
-        (tmp_path / package / "room" / "a.py").write_text(text)
-        monkeypatch.setattr(sys.modules[package], "__file__", str(tmp_path / package / "__init__.py"))
-        monkeypatch.setitem(sys.modules, f"{package}.room.a", type(sys)("a"))
-        sys.modules[f"{package}.room.a"].__file__ = str(tmp_path / package / "room" / "a.py")
-    of_core, of_sim = (cache.digest_of(f"{package}.room.a") for package in ("launchid_core", "sim"))
-    (tmp_path / "launchid_core" / "new.py").write_text("#\n")
-    cache.looked_through.cache_clear()
-    assert of_core == cache.digest_of("launchid_core.room.a") and of_sim != cache.digest_of("sim.room.a")
-    (tmp_path / "launchid_core" / "new.py").unlink()
-    cache.looked_through.cache_clear()
-    assert of_sim == cache.digest_of("sim.room.a")
-
-
 @pytest.mark.parametrize("variables", [{"NUMBA_BOUNDSCHECK": "1"},
                                        pytest.param({"NUMBA_OPT": "1"}, marks=pytest.mark.campaign)])
 def test_numba_s_settings_are_told_apart(toy, variables):
@@ -322,12 +271,6 @@ def test_a_read_only_cache_is_no_error(toy):
         assert toy.run() == COLD
     finally:
         subprocess.run(["umount", toy.cache], check=True) if mounted else toy.cache.chmod(0o700)
-
-
-@POSIX
-def test_a_limit_or_quota_that_a_kernel_exceeds_is_no_error(toy):
-    assert toy.run(LIMITED + RUN) == COLD
-    assert toy.kept() == []
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root mounts a small disk")
@@ -397,36 +340,3 @@ def test_processes_that_need_the_same_kernel_at_once_do_each_other_no_harm(toy):
     results = [toy.result(process) for process in [toy.start(at) for _ in range(3)]]
     assert [answers for *answers, _ in results] == [[7.0, 5.0]] * 3
     assert toy.run() == WARM
-
-
-@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.campaign),
-                                    signal.SIGINT])
-def test_of_an_interrupted_process_all_is_kept_but_the_kernel_in_work(toy, number):
-    """And a process that starts meanwhile deletes nothing of it."""
-    many = 20
-    toy.write("b", SOURCES["b"] + "".join(f"""
-@compiled()
-def number_{k}(x):
-    return deep(x) + {k}.0
-""" for k in range(many)))
-    code = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)  # a script's `&` ignores it\n" + RUN + f"""
-from sim import b
-print([getattr(b, f"number_{{k}}")(2.0) for k in range({many})] == [6.0 + k for k in range({many})], len(made))
-"""
-    process = toy.start(code=code)
-    while len(toy.kept()) < 5:
-        time.sleep(0.01)
-    meanwhile = toy.start()
-    while len(toy.kept()) < 7:
-        time.sleep(0.01)
-    os.kill(process.pid, number)
-    assert toy.result(meanwhile)[:2] == (7.0, 5.0)
-    process.communicate()
-    assert process.returncode != 0
-    kept = {path.name for path in toy.kept()}
-    assert 5 <= len(kept) < 3 + many
-    out, err = toy.start(code=code).communicate()
-    same, compiled = out.splitlines()[1].split()
-    assert (same, err) == ("True", "")
-    assert int(compiled) == 3 + many - len(kept)
-    assert kept < {path.name for path in toy.kept()}

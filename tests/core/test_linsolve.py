@@ -19,7 +19,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from unjitted import unjitted
 
-from launchid_core.algebra import lanes, linsolve, sparse
+from launchid_core.algebra import linsolve, sparse
 from launchid_core.algebra.linsolve import EPS
 
 WAMPLER_X = " ".join(str(i) for i in range(21))
@@ -152,9 +152,9 @@ DATASETS = {
 }
 
 
-apply_q_transposed, dot, invert, pivot_ratio, qr_factor, scale_columns, solve_triangle = map(unjitted, (
-    linsolve.apply_q_transposed, lanes.dot, sparse.invert, linsolve.pivot_ratio, linsolve.qr_factor,
-    linsolve.scale_columns, linsolve.solve_triangle))
+apply_q_transposed, dot, invert, qr_factor, scale_columns, solve_triangle = map(unjitted, (
+    linsolve.apply_q_transposed, linsolve.dot, sparse.invert, linsolve.qr_factor, linsolve.scale_columns,
+    linsolve.solve_triangle))
 
 RANK_TOLERANCE = 1.0e-12
 seeds = st.integers(0, 2**32 - 1)
@@ -234,15 +234,6 @@ def test_residual_is_orthogonal_to_every_column(problem):
 
 
 @given(problems())
-def test_reflections_keep_the_norm_of_any_vector(problem):
-    at, y = problem
-    at, _, tau, rank = factor(at)
-    turned = y.copy()
-    apply_q_transposed(at, tau, rank, turned)
-    assert math.isclose(np.linalg.norm(turned), np.linalg.norm(y), rel_tol=8 * (rank + 1) * EPS)
-
-
-@given(problems())
 def test_q_is_orthogonal(problem):
     at, y = problem
     m = y.size
@@ -290,21 +281,7 @@ def test_pivots_fall_and_their_ratio_bounds_the_condition_from_below(problem):
     assume(rank == n)
     pivots = np.abs(np.diag(triangle(factored, n)))
     assert np.all(pivots[1:] <= pivots[:-1] * (1 + 1e-13))
-    assert pivot_ratio(factored, rank) == pivots[0] / pivots[-1]
-    assert pivot_ratio(factored, rank) <= np.linalg.cond(at.T) * (1 + 1e-6)
-
-
-@given(problems(), seeds)
-def test_order_of_rows_does_not_matter(problem, seed):
-    at, y = problem
-    norms = np.linalg.norm(at, axis=1)
-    singular = np.linalg.svd(at.T / norms, compute_uv=False)
-    assume(singular[-1] > 1e-2)
-    rows = np.random.default_rng(seed).permutation(y.size)
-    x, _ = fit(at, y)
-    shuffled, _ = fit(np.ascontiguousarray(at[:, rows]), y[rows])
-    bound = 50 * y.size * EPS * (singular[0] / singular[-1]) * np.linalg.norm(y) / singular[-1]
-    assert np.all(np.abs(shuffled - x) * norms <= bound)
+    assert pivots[0] / pivots[-1] <= np.linalg.cond(at.T) * (1 + 1e-6)
 
 
 @given(problems(), st.data())
@@ -317,40 +294,6 @@ def test_scaling_by_powers_of_two_is_exact(problem, data):
     scaled, same = fit(np.ldexp(at, powers[:, None]), np.ldexp(y, shift))
     assert same == rank
     assert np.array_equal(scaled, np.ldexp(x, shift - powers), equal_nan=True)
-
-
-@given(st.data())
-def test_agrees_with_rationals_on_integer_matrices(data):
-    n = data.draw(st.integers(1, 4))
-    m = n + data.draw(st.integers(0, 4))
-    whole = st.lists(st.integers(-9, 9), min_size=m, max_size=m)
-    columns = [data.draw(whole) for _ in range(n)]
-    y = data.draw(whole)
-    at = np.array(columns, dtype=float)
-    norms = np.linalg.norm(at, axis=1)
-    assume(np.all(norms > 0))
-    singular = np.linalg.svd(at.T / norms, compute_uv=False)
-    assume(singular[-1] > 1e-3)
-    x, rank = fit(at, y)
-    exact = exact_least_squares([[Fraction(v) for v in c] for c in columns], [Fraction(v) for v in y])
-    assert rank == n
-    bound = 50 * m * EPS * (singular[0] / singular[-1]) * np.linalg.norm(y) / singular[-1]
-    for value, reference, norm in zip(x, exact, norms, strict=True):
-        assert abs(float(Fraction(float(value)) - reference)) * norm <= bound
-
-
-@given(st.data())
-def test_inverse_of_an_integer_triangle_is_exact(data):
-    """A triangle with 1 or -1 on its diagonal has an integer inverse."""
-    n = data.draw(st.integers(1, 5))
-    rows = np.zeros((n, 4 * n))
-    for j in range(n):
-        rows[:j, j] = data.draw(st.lists(st.integers(-9, 9), min_size=j, max_size=j))
-        rows[j, j] = data.draw(st.sampled_from((-1, 1)))
-    invert(n, n, np.arange(n), rows)
-    inverse = rows[:, n:2 * n].T
-    assert np.array_equal(rows[:, :n] @ inverse, np.eye(n))
-    assert np.array_equal(inverse, np.triu(inverse))
 
 
 @given(problems())
@@ -366,20 +309,6 @@ def test_inverse_times_triangle_is_the_identity(problem):
     invert(n, n, np.arange(n), rows)
     inverse = rows[:, n:2 * n].T
     assert np.all(np.abs(r @ inverse - np.eye(n)) <= 4 * n * EPS * (np.abs(r) @ np.abs(inverse)))
-
-
-@given(st.data())
-def test_back_substitution_solves_the_triangle(data):
-    """Unit triangle, integers throughout: exact."""
-    n = data.draw(st.integers(1, 6))
-    at = np.zeros((n, n))
-    for j in range(n):
-        at[j, :j] = data.draw(st.lists(st.integers(-9, 9), min_size=j, max_size=j))
-        at[j, j] = 1.0
-    x = np.array(data.draw(st.lists(st.integers(-99, 99), min_size=n, max_size=n)), dtype=float)
-    solved = np.zeros(n)
-    solve_triangle(at, n, triangle(at, n) @ x, solved)
-    assert np.array_equal(solved, x)
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e6, 1e6).filter(lambda v: v == 0 or abs(v) > 1e-6)] * 2), max_size=40),
@@ -476,10 +405,6 @@ def test_a_regular_matrix_has_its_solution(columns, y, expected, ulps):
     x, rank = fit(columns, y)
     assert rank == len(columns)
     assert np.allclose(x, expected, rtol=ulps * EPS, atol=0.0)
-
-
-def test_empty_range_of_a_dot_product():
-    assert dot(np.ones(3), np.ones(3), 2, 2) == 0.0
 
 
 # ---------------------------------------------------------------- textbook numbers

@@ -13,7 +13,7 @@ from launchid.robustness.level import ranged_model
 from launchid_core import Config, Estimator, Status
 from launchid_core.algebra.library import MAX_TERMS, polynomial
 from launchid_core.order import entries, memory, table
-from launchid_core.order.assembly import size_of
+from launchid_core.order.memory import size_of
 from launchid_core.order.table import LARGEST_SIZE, WORK
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
@@ -33,7 +33,7 @@ def filtered(nominal=CALM, **choices) -> Config:
     return Config(**{"window": 0.5, "formulation": "filtered", "model": onboard_model(nominal)} | choices)
 
 
-CHOICES = ("integral", "solver", "by_share", "structured", "ranged")  # of `Size`: no extents
+CHOICES = ("theta", "beta", "integral", "solver", "by_share", "structured", "ranged")  # of `Size`: no extents
 CONFIGS = {
     "integral": Config(window=0.5, library="quadratic", compression=2),
     "measured": Config(window=0.5, formulation="measured", solver="lasso", threshold=0.1),

@@ -265,14 +265,6 @@ def test_missing_last_sample_closes_the_window_with_the_first_one_after():
     assert estimator.estimate().t_start == 0.0
 
 
-def test_closed_window_leaves_out_the_sample_after_it():
-    estimator = Estimator(small_config())
-    ticks = [k * PERIOD for k in (0, 1, 2, 3, 4, 6)]
-    for k, tick in enumerate(ticks):
-        estimator.update(Sample(tick * TICK, **values(k)))
-    assert closed_rows(estimator)[:, rb.T].tolist() == [tick * TICK for tick in ticks[:-1]]
-
-
 @pytest.mark.parametrize("windows", [1, 2, 3, 7, 8])
 def test_ring_wraps_and_holds_the_newest_window(windows):
     """The ring has 7 places for windows of 6: every phase of the wrap comes by."""
@@ -283,21 +275,12 @@ def test_ring_wraps_and_holds_the_newest_window(windows):
     assert np.array_equal(closed_rows(estimator), np.array(samples[-6:]))
 
 
-def test_last_partial_window_gives_none():
-    statuses = push_all(np.arange(19) * 0.01, 0.1, 0.01)
-    assert statuses.count(Status.WINDOW_COMPLETE) == 1
-
-
 def test_windows_without_a_sample_are_passed_over():
     estimator = Estimator(small_config())
     for k, tick in enumerate([*range(0, 96, 16), *range(960, 1056, 16)]):
         estimator.update(Sample(tick * TICK, **values(k)))
     assert estimator.counts["WINDOW_COMPLETE"] == 2
     assert estimator.estimate().t_start == 960 * TICK
-
-
-def test_step_above_max_gap_is_after_gap():
-    assert push_all(np.array([0.0, 0.01, 0.0249, 0.0401]), 1.0, 0.01) == [0, 0, 0, Status.AFTER_GAP]
 
 
 # ---- what is rejected
@@ -343,21 +326,7 @@ def test_range_ends_at_the_limit(name):
     assert estimator.update(Sample(PERIOD * TICK, **values(1))._replace(**{name: LIMITS[name]})) >= 0
 
 
-@pytest.mark.parametrize("name", ["theta_dot", "theta_ddot", "beta_cmd", "gamma"])
-def test_nan_is_not_measured_in_the_optional_channels(name):
-    estimator = Estimator(small_config())
-    assert estimator.update(Sample(0.0, **values(0))._replace(**{name: NAN})) is Status.ACCEPTED
-
-
 # ---- the clock
-
-
-def test_clock_reset_comes_with_the_fifth_consistent_earlier_stamp():
-    stamps = np.concatenate([100.0 + 0.01 * np.arange(20), 0.01 * np.arange(20)])
-    statuses = push_all(stamps, 0.1, 0.01)
-    assert statuses[20:24] == [Status.DT_NEGATIVE] * 4
-    assert statuses[24] == Status.CLOCK_RESET
-    assert statuses[25:34] == [Status.ACCEPTED] * 8 + [Status.WINDOW_COMPLETE]  # window 0 anew from the reset on
 
 
 def test_one_good_stamp_ends_the_suspicion_of_a_reset():
@@ -369,27 +338,6 @@ def test_one_good_stamp_ends_the_suspicion_of_a_reset():
 def test_earlier_stamps_that_disagree_never_reset_the_clock():
     stamps = np.array([1.0, *(0.5 - 0.02 * k for k in range(20)), *(0.03 * k for k in range(20))])
     assert push_all(stamps, 1.0, 0.01)[1:] == [Status.DT_NEGATIVE] * 40
-
-
-def test_forward_jump_of_the_clock_locks_nobody_out():
-    """A stamp far ahead is believed; the true clock is earlier then, and comes back by a reset."""
-    statuses = push_all(np.array([0.0, 0.01, 5e9, *(0.01 * k for k in range(2, 12))]), 0.1, 0.01)
-    assert statuses[2] == Status.WINDOW_COMPLETE
-    assert statuses[3:] == [*[Status.DT_NEGATIVE] * 4, Status.CLOCK_RESET, *[Status.ACCEPTED] * 5]
-
-
-@pytest.mark.parametrize("status", [Status.DT_ZERO, Status.DT_NEGATIVE])
-def test_log_with_repeated_or_late_stamps_gives_the_result_without_them(status):
-    clean, dirty = Estimator(small_config()), Estimator(small_config())
-    for k in range(30):
-        sample = Sample(k * PERIOD * TICK, **values(k))
-        assert clean.update(sample) == dirty.update(sample)
-        shift = 0 if status == Status.DT_ZERO else PERIOD * TICK
-        assert dirty.update(sample._replace(t=sample.t - shift, theta=0.5)) is status
-        assert clean.estimate() is dirty.estimate() or np.array_equal(clean.estimate().xi, dirty.estimate().xi,
-                                                                      equal_nan=True)
-    assert clean._parts.state.outcome.number.tobytes() == dirty._parts.state.outcome.number.tobytes()
-    assert clean._memory.apart["ring"].tobytes() == dirty._memory.apart["ring"].tobytes()
 
 
 # ---- re-entrancy

@@ -13,8 +13,7 @@ from launchid.identification.windows import next_step, onboard_model, report, ru
 from launchid.robustness.level import ranged_model
 from launchid.weakform.windows import withdrawn
 from launchid_core import Config, EstimateStatus, Estimator, Status
-from launchid_core.algebra import linsolve
-from launchid_core.filter import belief as bl
+from launchid_core.filter import states as sx
 from launchid_core.gate.guard import CARRIED
 from launchid_core.order.memory import named_arrays
 from launchid_core.watch import changes as ch
@@ -29,9 +28,8 @@ WINDOW = 5.0
 FAR = 3.0  # own standard deviations
 SEED = 31
 
-measure, distance, choose_filter, forget_constants, restart, reduce_moment = map(unjitted, (
-    linsolve.measure, un.distance, un.choose_filter, un.forget_constants, un.restart_undeclared, un.reduce_moment))
-begin_block, go_back = unjitted(un.begin_block), unjitted(un.go_back)
+distance, restart, reduce_moment, begin_block, go_back = map(unjitted, (
+    un.distance, un.restart_undeclared, un.reduce_moment, un.begin_block, un.go_back))
 
 
 def config(nominal) -> Config:
@@ -69,22 +67,6 @@ def flown(name: str, effect: str = ""):
 # ---- the law
 
 
-def test_rows_make_the_posterior_of_least_squares(state):
-    """Random rows one by one against the normal equations of all of them and the prior."""
-    random = np.random.default_rng(0)
-    mean, covariance = state.mean[0], state.covariance[0]
-    prior, rows, z = np.linalg.inv(covariance), random.standard_normal((20,
-                                                                        un.UNDECLARED_SIZE)), random.standard_normal(20)
-    measured = [measure(mean, covariance, row, 0, un.UNDECLARED_SIZE, each, np.empty(un.UNDECLARED_SIZE))
-                for row, each in zip(rows, z, strict=True)]
-    density = sum(-0.5 * (math.log(variance) + e * e / variance) for e, variance in measured)
-    information = prior + rows.T @ rows
-    assert covariance == pytest.approx(np.linalg.inv(information), rel=1e-8, abs=1e-12)
-    assert mean == pytest.approx(np.linalg.solve(information, rows.T @ z), rel=1e-8)
-    whole = np.eye(20) + rows @ np.linalg.inv(prior) @ rows.T
-    assert density == pytest.approx(-0.5 * (np.linalg.slogdet(whole)[1] + z @ np.linalg.solve(whole, z)))
-
-
 def test_the_distance_is_walds(state):
     random = np.random.default_rng(1)
     root = random.standard_normal((un.UNDECLARED_SIZE, un.UNDECLARED_SIZE))
@@ -102,36 +84,10 @@ def test_what_hides_in_the_declared_noise_contradicts_nothing():
     work, triangle = cut.work.undeclared, np.triu(np.random.default_rng(2).standard_normal((11, 11)))
     reduce_moment(cut.fixed.belief, work, triangle, 1.0)
     whole = work.triangle.copy()
-    gram = triangle[:, [4 + cut.fixed.belief.term[0], 4 + cut.fixed.belief.term[1], 8, 10]]
+    gram = triangle[:, [4 + cut.memory.size.theta, 4 + cut.memory.size.beta, 8, 10]]
     assert whole.T @ whole == pytest.approx(gram.T @ gram)
     reduce_moment(cut.fixed.belief, work, triangle, 0.2)
     assert work.triangle == pytest.approx(0.2 * whole)
-
-
-def test_what_is_forgotten_is_never_less_known_than_at_first(state):
-    covariance = state.covariance[0]
-    covariance[4, 4], covariance[5, 5] = 1e-6, 2e-6
-    forget_constants(covariance, un.NEW_MEMORY)
-    assert covariance[4, 4] == pytest.approx(math.e * 1e-6) and covariance[5, 5] == pytest.approx(2e-6 * math.e)
-    for _ in range(100):
-        forget_constants(covariance, un.NEW_MEMORY)
-    assert covariance[4, 4] <= un.UNDECLARED_STD**2 and covariance[5, 5] <= un.UNDECLARED_STD**2
-
-
-# ---- which of the two filters
-
-
-def test_the_filter_that_predicts_better_is_the_one_to_go_on_from(state):
-    state.mean[un.CONSTANT, 4], state.mean[un.NEW, 4] = 0.0, 0.02
-    choose_filter(state, 0.99 * un.SECOND_EVENT)
-    choose_filter(state, -0.5 * un.SECOND_EVENT)  # it was no better, for once
-    choose_filter(state, 0.49 * un.SECOND_EVENT)
-    assert state.mean[un.CONSTANT, 4] == 0.0
-    choose_filter(state, -100.0)  # a block against it: the other way round
-    assert state.mean[un.NEW, 4] == 0.0
-    state.mean[un.NEW, 4] = 0.02
-    choose_filter(state, 1.01 * un.SECOND_EVENT)
-    assert state.mean[un.CONSTANT, 4] == 0.02 and not state.better.any()
 
 
 # ---- in flight
@@ -194,19 +150,19 @@ def test_what_contradicts_the_model_was_no_sudden_change(name, effect):
     assert estimator.counts["CHANGE_WITHDRAWN"] > 0 or not estimator._parts.state.watch.counts[ch.EVENTS]
 
 
-@pytest.mark.parametrize("blocks", [1, 2, ch.CHANGE_BLOCKS - 1, ch.CHANGE_BLOCKS])
+@pytest.mark.parametrize("blocks", [1, 2, sx.CHANGE_BLOCKS - 1, sx.CHANGE_BLOCKS])
 def test_a_change_takes_back_what_was_learned_since_its_onset_and_at_most_two_looks_back_more(state, blocks):
     """The law holds after each number of blocks: the mean says in how many it was learned."""
     restart(state)
-    for taken in range(1, 4 * ch.CHANGE_BLOCKS):
+    for taken in range(1, 4 * sx.CHANGE_BLOCKS):
         begin_block(state)
         state.mean[un.CONSTANT, 4], state.covariance[un.CONSTANT, 5, 5] = taken, 1.0 + taken
         before = state.mean.copy(), state.covariance.copy(), state.past.copy()
         go_back(state, blocks)
         left = state.mean[un.CONSTANT, 4]
-        assert max(taken - 2 * ch.CHANGE_BLOCKS, 0) <= left <= max(taken - blocks, 0)
+        assert max(taken - 2 * sx.CHANGE_BLOCKS, 0) <= left <= max(taken - blocks, 0)
         assert left == 0.0 or state.covariance[un.CONSTANT, 5, 5] == 1.0 + left
-        assert state.covariance[un.CONSTANT, 0, 0] == bl.FIRST_STD**2 and not state.mean[un.CONSTANT, :4].any()
+        assert state.covariance[un.CONSTANT, 0, 0] == sx.FIRST_STD**2 and not state.mean[un.CONSTANT, :4].any()
         assert (state.mean[un.NEW] == before[0][un.NEW]).all() and (state.past == before[2]).all()
         state.mean[...], state.covariance[...] = before[:2]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shortened
 from every import every
-from scipy.signal import bilinear, freqz, lfilter
+from scipy.signal import bilinear, lfilter
 from unjitted import unjitted
 
 from launchid.cli.main import main
@@ -77,13 +77,6 @@ def test_rate_limit_clips_the_first_order_rate():
     assert flight.beta.max() <= 0.01 and flight.beta[-1] == pytest.approx(0.01, abs=1e-5)
 
 
-@pytest.mark.parametrize("text", ["actuator_delay:delay=0.02", "actuator_gain:scale=0.9", "actuator_bias:angle=0.01",
-                                  "actuator_backlash:half_width=0.002", "actuator_rate_limit:rate=0.02,wind_up=0.5"])
-def test_other_effects_act_on_it(text):
-    plain = alike(short(actuator=LAG))
-    assert not np.array_equal(alike(short(actuator=LAG), effects=(from_text(text),)).beta, plain.beta)
-
-
 # ---- the rate law
 
 
@@ -141,12 +134,6 @@ def test_rate_reference_is_its_list_or_the_slope_of_the_attitude_s():
     assert np.isnan(fly_whole(short()).rate_ref).all()
 
 
-def test_rate_law_turns_the_vehicle_at_its_reference():
-    flight = fly_whole(short(6.0, controller=RATE, guidance={"t": (0.0, 1.0, 6.0), "theta_ref": (0.0, 0.0, -0.1)}), 0,
-                       "ideal", 0.01)
-    assert not flight.lost and np.abs(flight.theta_dot[-100:] + 0.02).max() < 0.02
-
-
 # ---- filters
 
 
@@ -179,26 +166,6 @@ def test_filtered_command_is_lfilter_of_the_law_s(law):
         output = lfilter(section.b, section.a, output)
     assert np.abs(flight.beta_cmd).max() < 0.12
     assert np.allclose(flight.beta_cmd, output + probe.at(flight.t), rtol=0.0, atol=1e-12)
-
-
-def test_filter_that_passes_all_changes_no_bit():
-    whole = Section((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-    plain, passed = fly_whole(short(), 1), fly_whole(short(controller={"filters": (whole,)}), 1)
-    assert plain.theta.tobytes() == passed.theta.tobytes() and plain.beta_cmd.tobytes() == passed.beta_cmd.tobytes()
-
-
-@pytest.mark.parametrize("w", [5.0, 30.0, 150.0, 300.0])
-def test_notch_s_gain_at_its_frequency_is_depth_over_width_and_one_far_off(w):
-    section = tustin("notch", PERIOD, w, 0.05, 0.5)
-    _, gain = freqz(section.b, section.a, [1e-6, w * PERIOD, math.pi - 1e-6])
-    assert np.allclose(np.abs(gain), [1.0, 0.1, 1.0], atol=1e-5)
-
-
-@pytest.mark.parametrize("zeta", [0.5, 0.7])
-def test_lowpass_s_gain_at_its_frequency_is_one_over_twice_its_damping(zeta):
-    section = tustin("lowpass", PERIOD, 60.0, zeta)
-    _, gain = freqz(section.b, section.a, [1e-6, 60.0 * PERIOD, math.pi - 1e-6])
-    assert np.allclose(np.abs(gain), [1.0, 1 / (2 * zeta), 0.0], atol=1e-5)
 
 
 def test_kinds_are_tustin_s_rule_prewarped():

@@ -18,8 +18,6 @@ from launchid_core import LIBRARIES
 from launchid_core.algebra import library
 from launchid_core.algebra.library import term_codes
 from sim.effects import CATALOGUE, Effect, effect, from_table, from_text, pack, values
-from sim.effects import actuator as fx_actuator
-from sim.effects.actuator import slowed
 from sim.effects.plant import acceleration
 from sim.effects.table import TERM
 from sim.errors import InputError, UsageError
@@ -181,15 +179,6 @@ def test_truth_has_the_effects_on_a6_and_k1():
     assert np.array_equal(parameters(short(), flight.t, effects=effects)[1], flight.k1)
 
 
-def test_two_gusts_add_up():
-    """The answer of a linear vehicle in open loop to both is the sum of the answers."""
-    gusts = [from_text("gust:angle=0.02,time=0.5,duration=1"), from_text("gust:angle=-0.01,time=1,duration=1.5")]
-    plain, first, second, both = (fly_whole(probed(), 0, "ideal", effects=e).theta for e in
-                                  ([], gusts[:1], gusts[1:], gusts))
-    assert np.allclose(both - plain, first + second - 2 * plain, atol=1e-14)
-    assert np.max(np.abs(both - plain)) > 1e-3
-
-
 def test_slosh_is_its_equations_of_motion():
     c, w, z = 0.5, 6.0, 0.05
     flight = fly_whole(probed(), 0, "ideal", effects=[effect("slosh", coupling=c, frequency=w, damping_ratio=z)])
@@ -216,13 +205,6 @@ def test_bending_adds_its_mode_to_what_is_measured_and_leaves_the_vehicle():
     assert np.allclose(bent.theta - rigid.theta, eta, atol=1e-7)
     assert np.allclose(bent.theta_dot - rigid.theta_dot, eta_dot, atol=2e-6)
     assert np.array_equal(bent.theta_ddot, rigid.theta_ddot) and np.max(np.abs(eta)) > 1e-3
-
-
-def test_two_bending_modes_add_up():
-    modes = [effect("bending", gain=0.4, frequency=25.0), effect("bending", gain=0.2, frequency=60.0)]
-    rigid, one, two, both = (fly_whole(probed(), 0, "ideal", effects=e).theta for e in
-                             ([], modes[:1], modes[1:], modes))
-    assert np.allclose(both, one + two - rigid, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", [*LIBRARIES["quadratic+sin"], "theta^3*cos(beta)", "sign(theta_dot)*beta^5"])
@@ -282,12 +264,6 @@ def test_rate_limit_is_the_saturated_servo(wind_up):
     assert np.allclose(flight.beta, reference, atol=2e-5) and np.max(np.abs(flight.beta)) > 3e-3
 
 
-def test_wind_up_changes_the_flight():
-    flights = [fly_whole(probed(), 0, "ideal", effects=[effect("actuator_rate_limit", rate=0.03, wind_up=wind_up)])
-               for wind_up in (0.0, 0.5)]
-    assert bits(flights[0]) != bits(flights[1])
-
-
 def test_lag_before_the_servo():
     """The reference is plain Python in steps a hundred times as fine: u -> tau w' = u - w -> servo, tau that of the
     slowing."""
@@ -319,37 +295,6 @@ def test_input_that_washes_out():
             b += h * r
     assert np.max(np.abs(flight.beta)) > 3e-3
     assert np.allclose(flight.beta, reference, atol=1e-5)
-
-
-@pytest.mark.parametrize("lag", [0.0, 0.3, 1.0])
-def test_slow_command_is_as_late_by_a_lag_as_by_a_lower_frequency(lag):
-    """Servo and lag together delay by 2 zeta/w/scale, however they share it."""
-    frequency, tau = slowed(0.5, lag, 50.0, 0.7)
-    assert 2 * 0.7 / frequency + tau == pytest.approx(2 * 0.7 / 50.0 / 0.5, rel=1e-12)
-
-
-def test_no_lag_makes_a_servo_faster():
-    quick = [fly_whole(probed(), 0, "ideal", effects=[effect("actuator_bandwidth", scale=1.5, lag=lag)])
-             for lag in (0.0, 1.0)]
-    assert bits(quick[0]) == bits(quick[1])
-
-
-def test_play_operator():
-    """The backlash drives at its edges, rests between, is the identity without play, and plays in series add."""
-    u = np.cumsum(np.random.default_rng(1).normal(0, 0.3, 400))
-    w, last = [], 0.0
-    for x in u.tolist():
-        new = fx_actuator.play(0.5, x, last)
-        assert abs(x - new) <= 0.5 + 1e-12 and (new == last or abs(abs(x - new) - 0.5) < 1e-12)
-        assert fx_actuator.play(0.0, x, last) == x
-        w.append(new)
-        last = new
-    a, b, series = 0.0, 0.0, []
-    for x in u.tolist():
-        a = fx_actuator.play(0.2, x, a)
-        b = fx_actuator.play(0.3, a, b)
-        series.append(b)
-    assert np.allclose(series, w, atol=1e-12)
 
 
 def test_backlash_drives_the_servo():
@@ -448,12 +393,6 @@ def test_input_is_in_the_logged_command_before_the_limit():
     assert np.max(np.abs(flight.beta_cmd)) == 0.025
     plain = fly_whole(dataclasses.replace(nominal, test_input=None), 5)
     assert np.array_equal(flight.theta[:100], plain.theta[:100]) and not np.array_equal(flight.theta, plain.theta)
-
-
-def test_input_outside_its_time_changes_no_bit():
-    nominal = short()
-    silent = dataclasses.replace(nominal, test_input=dataclasses.replace(PROBE, start=50.0))
-    assert bits(fly_whole(silent, 1)) == bits(fly_whole(nominal, 1))
 
 
 # ---- words: the command, the file, the writer
@@ -574,12 +513,6 @@ def test_wrong_terms_are_named(tmp_path, terms, expected):
     with pytest.raises(InputError, match=r"vehicle.terms") as caught:
         load_nominal(with_terms(tmp_path, terms))
     assert expected in str(caught.value) and len(str(caught.value).splitlines()) == 1
-
-
-def test_terms_exclude_numbers(tmp_path):
-    text = CONSTANT_TEXT.replace("a6 = 2.0 ", "a6 = 2.0\nterms = {theta = 1.0} # ")
-    with pytest.raises(InputError, match="one or the other"):
-        load_nominal(file_with(tmp_path, "", text))
 
 
 def assert_same(a: Nominal, b: Nominal) -> None:

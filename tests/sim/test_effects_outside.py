@@ -75,13 +75,6 @@ def test_chance_draws_from_streams_of_its_own():
     assert abs(np.corrcoef(one, both - one)[0, 1]) < 5 / math.sqrt(2000)
 
 
-def test_an_effect_of_no_level_leaves_the_wind_calm():
-    level = [from_text("turbulence:level=0"), from_text("wind_walk:level=0")]
-    flight = fly_whole(short(wind=Wind(turbulence=0.01)), 2, effects=level)
-    assert bits(flight) == bits(fly_whole(short(wind=Wind(turbulence=0.01)), 2))
-    assert not fly_whole(short(), 2, effects=level).wind.any()
-
-
 # ---- drift
 
 
@@ -96,15 +89,6 @@ def test_lateral_drift_is_the_nominal_s_drift_without_its_column():
     known = fly_whole(short(drift=constant_drift(0.05, -0.03)), 3, effects=rough)
     assert bits(hidden) == bits(known) and np.max(np.abs(hidden.true_gamma)) > 1e-4
     assert np.isnan(hidden.gamma).all() and np.isfinite(known.gamma).all()   # what nobody knows is not logged
-
-
-def test_lateral_drift_adds_to_the_nominal_s():
-    third = effect("lateral_drift", z_alpha=0.025, z_beta=0.0125)
-    parts = fly_whole(short(drift=constant_drift(0.05, 0.025)), 3, effects=[third, third])
-    whole = fly_whole(short(drift=constant_drift(0.1, 0.05)), 3)
-    assert bits(parts) == bits(whole) and np.isfinite(parts.gamma).all()
-    none = effect("lateral_drift", z_alpha=0, z_beta=0)
-    assert bits(fly_whole(short(drift=constant_drift(0.1, 0.05)), 3, effects=[none])) == bits(whole)
 
 
 def test_lateral_drift_is_its_equations_of_motion():

@@ -170,11 +170,6 @@ def test_logged_command_is_the_nominal_controller_s_of_the_logged_attitude():
     assert np.array_equal(fast["beta_cmd"][1::2], fast["beta_cmd"][::2])
 
 
-def test_half_the_rate_is_the_same_flight():
-    full, half = fly(Spec(seed=2))[0], fly(Spec(seed=2, rate=50.0))[0]
-    assert all(np.array_equal(full[name][::2], half[name]) for name in COLUMNS)
-
-
 def test_noise_is_as_declared():
     craft, clean = vehicle("constant"), quiet()
     for name, level, noise in (("theta_dot", craft.gyro_noise, Noise(0.0, 1.3, 0.0, 0.0, 0.0)),

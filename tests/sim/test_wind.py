@@ -26,7 +26,6 @@ from sim.nominal import (
     load_nominal,
     write_nominal,
 )
-from sim.sections import UNKNOWN_WIND
 
 COLUMNS = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot", "theta_ddot", "a6", "k1")
 DRIFT = Drift(np.zeros(1), np.array([-0.03]), np.array([-0.02]))
@@ -89,11 +88,6 @@ def test_walk_turbulence_and_offsets_are_left_alone_by_each_other():
     assert drawn_offsets(Offsets(moment=0.02), 3)["moment"] == drawn_offsets(UNSURE, 3)["moment"]
 
 
-def test_first_wind_is_unknown_by_default_where_there_is_any():
-    assert (Wind().initial, Wind(walk=0.01).initial, Wind(turbulence=0.01).initial) == (0.0, UNKNOWN_WIND, UNKNOWN_WIND)
-    assert Wind(walk=0.01, initial=0.0).initial == 0.0
-
-
 def test_forecast_is_linear_between_nodes_and_held_beyond():
     forecast = Forecast(np.array([1.0, 3.0]), np.array([0.0, 0.04]))
     assert forecast.at(np.array([0.0, 1.5, 2.0, 9.0])).tolist() == [0.0, 0.01, 0.02, 0.04]
@@ -113,20 +107,6 @@ def test_levels_of_zero_change_no_bit(name, suite):
     plain = fly_whole(nominal, 3, suite)
     assert bits(fly_whole(none, 3, suite)) == bits(fly_whole(still, 3, suite)) == bits(plain)
     assert np.isnan(plain.gamma).all() and plain.offsets == {} and not plain.wind.any() and not plain.true_gamma.any()
-
-
-def test_noises_are_left_alone_by_the_world():
-    """Open loop: what differs between the flights is the world's, to rounding; the sensors' noise is the same."""
-    calm, windy = (fly_whole(short(2.0, controller={"kp": 0.0, "kd": 0.0}, **world), 5) for world in
-                   ({}, {"wind": WINDY, "drift": DRIFT}))
-    assert np.array_equal(calm.beta, windy.beta) and not np.array_equal(calm.theta, windy.theta)
-
-
-def test_same_seed_is_the_same_wind_and_another_is_another():
-    flights = [fly_whole(short(wind=WINDY, offsets=UNSURE), seed) for seed in (3, 3, 4)]
-    assert bits(flights[0], (*COLUMNS, "wind")) == bits(flights[1], (*COLUMNS, "wind"))
-    assert not np.array_equal(flights[0].wind, flights[2].wind)
-    assert flights[0].offsets == flights[1].offsets != flights[2].offsets
 
 
 @pytest.mark.parametrize("suite", SUITES)
@@ -177,12 +157,6 @@ def test_constant_forecast_is_the_steady_wind(drift):
     for name in ("theta", "theta_dot", "beta", "wind", "true_gamma"):
         assert np.allclose(getattr(forecast, name), getattr(steady, name), rtol=0.0, atol=1e-13), name
     assert forecast.wind[0] == steady.wind[0] == 0.02
-
-
-def test_gust_is_in_the_wind():
-    flight = fly_whole(short(), 2, effects=[from_text("gust:angle=0.02,time=1,duration=2")])
-    expected = np.where((flight.t > 1) & (flight.t < 3), 0.01 * (1 - np.cos(np.pi * (flight.t - 1))), 0.0)
-    assert np.allclose(flight.wind, expected, atol=1e-15) and flight.wind.max() == pytest.approx(0.02)
 
 
 def test_cubic_is_in_the_angle_of_attack():
@@ -264,12 +238,6 @@ def test_sections_of_the_world_read_back(tmp_path):
     assert np.array_equal(again.wind.profile.wind, forecast.wind)
 
 
-def test_calm_nominal_writes_none_of_them(tmp_path):
-    write_nominal(short(), tmp_path / "n.toml")
-    text = (tmp_path / "n.toml").read_text()
-    assert not any(word in text for word in ("wind", "offsets", "drift", "\ntime_constant", "law", "gamma", "rate_ref"))
-
-
 @every(("text", "expected"), [
     ("[drift]\nz_alpha = -0.1", "key 'drift.z_beta' is missing"),
     ("[drift]\nz_gamma = 1", "unknown key 'drift.z_gamma'"),
@@ -294,16 +262,6 @@ def test_wrong_key_is_named(tmp_path, text, expected):
     with pytest.raises(InputError) as caught:
         load_nominal(path)
     assert expected in str(caught.value) and len(str(caught.value).splitlines()) == 1
-
-
-@pytest.mark.parametrize("source", ["vacuum", 1.0, True])
-def test_unknown_source_of_alpha_is_named(tmp_path, source):
-    path = tmp_path / "n.toml"
-    write_nominal(short(), path)
-    shown = str(source).lower() if isinstance(source, bool) else repr(source)
-    path.write_text(path.read_text().replace("[sensors]", f"[sensors]\nalpha_source = {shown}"))
-    with pytest.raises(InputError, match=r'sensors.alpha_source = .*: expected "inertial" or "air"'):
-        load_nominal(path)
 
 
 # ---- commands
