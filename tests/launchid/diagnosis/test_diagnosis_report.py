@@ -3,11 +3,9 @@
 import base64
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -27,7 +25,6 @@ from launchid.diagnosis.report.page import write_report
 from launchid.diagnosis.verdict import Result, diagnose
 from launchid.log.log import OPTIONAL, REQUIRED, Log
 from sim.effects import effect
-from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 
@@ -202,26 +199,6 @@ def test_what_an_earlier_report_left_is_removed(diagnoses, tmp_path):
     assert left - {"faults.png"} == {"mine.txt", "report.html", "verdict.json"}
 
 
-def test_a_folder_that_cannot_be_made_is_one_line(diagnoses, tmp_path):
-    (tmp_path / "taken").write_text("a file")
-    for folder in (tmp_path / "taken", tmp_path / "taken" / "below"):
-        with pytest.raises(InputError) as caught:
-            write_report(diagnoses["bad-data"], {}, str(folder))
-        assert str(folder) in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_without_matplotlib_there_is_a_report_that_says_so(diagnoses, tmp_path, monkeypatch):
-    for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
-        monkeypatch.delitem(sys.modules, name)
-    for name in ("sim.canvas", "launchid.figures.plots", "launchid.diagnosis.report.figures"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
-    monkeypatch.delattr(sys.modules["launchid.diagnosis.report"], "figures", raising=False)
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    write_report(diagnoses["dominant"], json_of(diagnoses["dominant"]), str(tmp_path))
-    assert report_module.NO_FIGURES in " ".join(read(tmp_path).words.split())
-    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "verdict.json", "extension.toml"}
-
-
 def test_a_log_without_nozzle_command_and_reference_has_a_report(tmp_path):
     """The log has theta alone beside beta: no closed loop, no controller check, no actuator."""
     log, nominal = measured()
@@ -286,39 +263,3 @@ def with_last_line(page: Path, to: Path) -> Path:
 def test_chromium_shows_it_without_a_console_error(folders, tmp_path, verdict):
     said = console(with_last_line(folders[verdict] / "report.html", tmp_path / "page.html"), tmp_path / "profile")
     assert len(said) == 1 and LOADED in said[0], said
-
-
-DRAG = """<script>window.addEventListener("load", () => setTimeout(() => {
-  const over = document.querySelector("#misfit .u-over"), box = over.getBoundingClientRect();
-  const hand = (kind, x, on) => on.dispatchEvent(new MouseEvent(kind, {clientX: box.left + x * box.width,
-    clientY: box.top + 0.5 * box.height, bubbles: true, movementX: 9, view: window}));
-  const told = () => [...document.querySelectorAll("#misfit .u-legend")].map(
-    each => each.innerText.replace(/\\s+/g, " "));
-  hand("mousemove", 0.5, over);
-  setTimeout(() => {
-    const before = told();
-    hand("mousedown", 0.25, over); hand("mousemove", 0.5, over); hand("mouseup", 0.5, document);
-    setTimeout(() => { hand("mousemove", 0.5, over); setTimeout(() => {
-      console.log(JSON.stringify({before, after: told(), charts: document.querySelectorAll(".chart").length,
-        drawn: [...document.images].filter(each => each.hidden).length, left: document.images.length}));
-      console.log("LOADED"); }, 100); }, 100); }, 100); }, 100))</script></body>"""
-
-
-def test_in_a_browser_a_report_s_curves_are_read_and_zoomed(folders, tmp_path):
-    """The cursor in the middle says its time in both panels; after a drag over the second quarter it is another."""
-    page = tmp_path / "page.html"
-    html = (folders["explained"] / "report.html").read_text(encoding="utf-8")
-    page.write_text(html.replace("</body>", DRAG.replace("LOADED", LOADED)), encoding="utf-8")
-    said = console(page, tmp_path / "profile")
-    assert len(said) == 2, said
-    found = json.loads(re.sub(r'\\"', '"', said[0][said[0].index("{"):said[0].rindex("}") + 1]))
-    times = {name: [float(re.search(r"t \[s\]\s*([\d.]+)", each)[1]) for each in found[name]]
-             for name in ("before", "after")}
-    assert len(set(times["before"])) == len(set(times["after"])) == 1, "one cursor in both panels"
-    live = json.loads(re.search(r'id="misfit"><script type="application/json">(.*?)</script>', html)[1])
-    low, high = live["panels"][0]["xlim"]
-    spacing = 2.0 * float(np.median(np.diff(live["arrays"][0])))
-    assert times["before"][0] == pytest.approx(0.5 * (low + high), abs=spacing)
-    assert times["after"][0] == pytest.approx(low + 0.375 * (high - low), abs=spacing)
-    assert all(re.search(r"measured\s*\u2212?[\d.]", found[name][0]) for name in times)
-    assert 0 < found["drawn"] == found["charts"] < found["left"], "what is no curve stays a picture"

@@ -89,21 +89,6 @@ def test_what_is_held_out_or_placebo_is_what_it_says():
     assert foreign and all(case.options["seed"] < 1000 for case in foreign)  # from 1000 on they judge
 
 
-@pytest.mark.parametrize(("line", "said"), [
-    ('name = "a", seed = 1', "expected one of hidden"), ('name = "a", hidden = "", seed = 1', "accepted answers"),
-    ('name = "a", hidden = "slosh", accepted = ["slush"]', "slush: no cause"),
-    ('name = "a", hidden = "slosh", never = ["slush"]', "slush: no cause"),
-    ('name = "a", hidden = "slosh", sead = 1', "sead: no cause, no verdict and no option"),
-    ('name = "a", hidden = "slosh", part = "mine"', "a part out of"),
-    ('name = "a", hidden = "slosh"}, {name = "a", hidden = "slosh"', "a name of its own")])
-def test_a_case_that_is_wrong_is_refused_by_its_name(bench, tmp_path, line, said):
-    path = tmp_path / "set.toml"
-    path.write_text(f'[nominals]\n[groups.g]\nkind = "k"\nnominal = "constant"\ncases = [{{{line}}}]\n')
-    with pytest.raises(ValueError, match=said) as refused:
-        bench[0].read_set(path)
-    assert "g/a" in str(refused.value)
-
-
 # ---- judging
 
 
@@ -192,30 +177,3 @@ def test_the_judges_run_on_demand_alone(bench):
     assert not JUDGES & {case.source[1] for case in chosen(CASES, options())}
     assert {case.source[1] for case in chosen(CASES, options(judge=True, kinds=["measured"]))} >= JUDGES
     assert chosen(CASES, options(tenth=True)) == TENTH
-
-
-@pytest.fixture
-def counted(bench, monkeypatch):
-    """The command with a diagnosis that takes no time: the cases it was asked."""
-    command, calls = bench[2], []
-
-    def answered(case, nominals, folders, sources):
-        calls.append(case.name)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return row("consistent", case=case.name, sources=sources, asked=command.asked(case, nominals))
-
-    monkeypatch.setattr(command, "answered", answered)
-    monkeypatch.setattr(command, "warmed", lambda: None)
-    return command, calls
-
-
-def test_an_interrupted_run_keeps_what_it_has_and_goes_on(counted, tmp_path, capsys):
-    command, calls = counted
-    cases, path = [case for case in CASES if case.group == "clean"][:5], tmp_path / "new" / "a.jsonl"
-    first = command.run(cases, NOMINALS, options(), path)
-    assert len(first) == 2 and "goes on" in capsys.readouterr().err
-    path.write_text(path.read_text() + '{"case": "clean/9", "verd')  # a line that was cut off
-    again = command.run(cases, NOMINALS, options(), path)
-    assert [each["case"] for each in again] == [case.name for case in cases]
-    assert sorted(set(calls)) == sorted(case.name for case in cases) and len(calls) == 6

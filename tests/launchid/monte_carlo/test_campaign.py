@@ -187,7 +187,8 @@ run_campaign(points(50), functools.partial(slow, Path({folder!r})), {table!r}, w
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.campaign)])
+@pytest.mark.campaign
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_runner_is_continued_and_leaves_no_worker(tmp_path, reference, how):
     folder, path = tmp_path / "marks", tmp_path / "t.csv"
     folder.mkdir()

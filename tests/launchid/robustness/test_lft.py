@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import launchid
-from launchid.cli.main import main
 from launchid.log.log import Log, flown_log
 from launchid.robustness import greybox as gb
 from launchid.robustness.lft import (
@@ -258,15 +257,3 @@ def test_a_range_over_flight_time_is_written_beside(flown, tmp_path):
     assert len(sigma.t) == 9  # seven bins of 10 s, and the flight's ends
     assert (sigma.a6[:, None] >= np.abs(0.25 * delta[:12, 0])).mean() >= 0.95
     assert launchid.uncertainty(logs[0], tmp_path / "timed.toml").report["windows"]
-
-
-@pytest.mark.parametrize(("words", "status", "mention"), [
-    (["constant"], 2, "LOG.csv"), (["missing.csv", "constant"], 3, "missing.csv"),
-    (["0.csv", "missing.toml"], 3, "missing.toml"), (["0.csv", "constant", "--share", "1"], 2, "--share")])
-def test_faults_are_one_line(tmp_path, capsys, monkeypatch, words, status, mention):
-    monkeypatch.chdir(tmp_path)
-    launchid.simulate("constant", period=0.1).write("0.csv")
-    assert main(["fit-lft", *words, "--out", "never.toml"]) == status
-    err = capsys.readouterr().err
-    assert len(err.splitlines()) == 1 and mention in err
-    assert not (tmp_path / "never.toml").exists()

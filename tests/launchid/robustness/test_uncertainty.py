@@ -16,7 +16,7 @@ from unjitted import unjitted
 
 from launchid.cli.main import main
 from launchid.identification.windows import onboard_model, run
-from launchid.robustness.level import departures, ranged_model, report
+from launchid.robustness.level import departures, ranged_model
 from launchid_core import BANDS, EDGES, Config, Estimate, Estimator, Model
 from launchid_core.order.table import GAUGE
 from launchid_core.watch import uncertainty as un
@@ -223,11 +223,3 @@ def test_bad_input_is_one_line_and_exit_3(launchid, folder, nominal, mentions):
     status, out, err = launchid("uncertainty", folder / "in.csv", folder / nominal)
     assert (status, out, len(err.splitlines())) == (3, "", 1), err
     assert err.startswith("launchid") and all(mention in err for mention in mentions), err
-
-
-def test_the_figure_is_drawn(launchid, folder, tmp_path):
-    pytest.importorskip("matplotlib")
-    for name in ("a.png", "b.png"):
-        assert launchid("uncertainty", folder / "out.csv", folder / "n.toml", "--plot", tmp_path / name)[0] == 0
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes() != b""
-    assert report([]) == {"windows": []}

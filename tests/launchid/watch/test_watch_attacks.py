@@ -247,7 +247,7 @@ def test_what_a_sender_makes_it_say_is_bounded_and_counted(nominal):
 def test_foreign_names_and_requests_write_nothing(capfd):
     server = Server(Live({"source": "x"}), 0)
     try:
-        for k in range(300):
+        for k in range(60):
             assert asked(server.server_address[1], "/state", host=f"{'evil.' * 200}{k}")[0] == 403
         for first in (b"\xff\xfe\r\n\r\n", b"GET\r\n\r\n", b"PRI * HTTP/2.0\r\n\r\n", b"GET / HTTP/9.9.9\r\n\r\n",
                       b"GET /" + b"x" * 70_000 + b" HTTP/1.1\r\n\r\n",
