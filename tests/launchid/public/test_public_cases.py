@@ -109,7 +109,7 @@ def test_gamma_of_a_slower_channel_lies_on_lines():
 
 
 def test_the_first_nominal_uses_gamma():
-    made = first(log_of(flights.fly(5.0, drift=0.4)))
+    made = first(log_of(flights.fly(8.0, drift=0.4)))
     assert not made.refused
     assert abs(made.a6[0] - 2.0) < 3.0 * made.a6_std[0] < 0.1 and abs(made.k1[0] + 6.0) < 3.0 * made.k1_std[0] < 0.1
 
