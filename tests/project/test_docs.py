@@ -100,11 +100,6 @@ def test_links_and_pictures_exist(page):
     assert missing == []
 
 
-def test_every_page_is_reached_from_the_readme():
-    linked = {(ROOT / link.partition("#")[0]).resolve() for link in LINK.findall(text_of(README)) if "://" not in link}
-    assert {*DOCS, ROOT / "LICENSE", ROOT / "CHANGELOG.md", ROOT / "CITATION.cff"} <= linked
-
-
 # ---- what is named
 
 

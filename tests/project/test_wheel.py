@@ -35,16 +35,6 @@ NEEDS = {"identify log.csv --plot x.png": "plots", "identify log.csv --resid x.p
          "watch log.mat --nominal short.toml --once --map map.toml": "logs",
          "campaign short.toml --flights 2 --out dask --executor dask:tcp://127.0.0.1:1": "cluster"}
 WITHOUT_FIGURES = "reproduce --case windowed --seeds 1 --out r"  # whose tables and verdicts need no extra
-PYTHON = """
-import launchid
-made = launchid.identify("log.csv")
-print(made.summary().splitlines()[-1])
-for want in (made.plot, made.to_frame):
-    try:
-        want()
-    except launchid.UsageError as error:
-        print(error)
-"""
 pytestmark = [pytest.mark.campaign, pytest.mark.skipif(sys.platform == "win32", reason="symbolic links are lent")]
 
 
@@ -120,12 +110,3 @@ def test_every_command_works_or_names_its_extra(fresh):
     status, out, err = fresh.run("launchid", *WITHOUT_FIGURES.split())
     assert (status, err) == (0, "") and "no figures (pip install 'launchid[plots]'" in out.splitlines()[-1]
     assert (fresh.at / "report" / "report.html").is_file() and (fresh.at / "port" / "launchid.c").is_file()
-
-
-def test_from_python_too(fresh):
-    fresh.run("launchid", "simulate", "short.toml", "--out", "log.csv")
-    status, out, err = fresh.run("python", "-c", PYTHON)
-    assert (status, err) == (0, ""), err
-    said = out.splitlines()
-    assert "samples accepted" in said[0] and len(said) == 3
-    assert "launchid[plots]" in said[1] and "launchid[frames]" in said[2]

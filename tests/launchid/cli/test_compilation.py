@@ -101,14 +101,3 @@ def test_an_interrupt_ends_all_processes_of_warm_and_loses_nothing(tmp_path):
     with pytest.raises(ProcessLookupError):
         os.killpg(process.pid, 0)
     assert len(list(tmp_path.rglob("*.nbc"))) >= 3
-
-
-@pytest.mark.campaign
-@COMPILED
-def test_what_is_warm_compiles_nothing_in_two_commands(tmp_path):
-    variables = {"LAUNCHID_CACHE": tmp_path / "cache"}
-    assert python("-m", "launchid", "warm", **variables).returncode == 0
-    log = tmp_path / "log.csv"
-    for words in (["simulate", "constant", "--out", log], ["identify", log, "constant"], ["identify", log]):
-        done = python("-m", "launchid", *words, **variables)
-        assert done.returncode == 0 and "compiling" not in done.stderr

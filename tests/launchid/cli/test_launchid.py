@@ -3,8 +3,6 @@
 import json
 import math
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -137,16 +135,6 @@ def test_columns_that_are_no_log_are_one_line(columns, mention):
     with pytest.raises(launchid.InputError, match=mention) as caught:
         launchid.read_log(columns)
     assert len(str(caught.value).splitlines()) == 1
-
-
-# ---- results
-
-
-def test_importing_costs_no_numba_and_no_optional_package():
-    script = "import launchid, sys; print([m for m in ('numba', 'matplotlib', 'pandas', 'polars') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True,
-                          timeout=300)
-    assert done.stdout == "[]\n"
 
 
 # ---- parameters

@@ -56,11 +56,6 @@ def test_a_terminal_shows_one_line_that_is_taken_off_at_the_end(clock, monkeypat
     assert "[##########..........] windows: 2 of 4, 2 s left" in shown
 
 
-@pytest.mark.parametrize("is_terminal", [False, True])
-def test_quiet_says_nothing(clock, monkeypatch, is_terminal):
-    assert run_of(clock, monkeypatch, is_terminal, 100, is_quiet=True) == ""
-
-
 # ---- pages
 
 

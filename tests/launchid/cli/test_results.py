@@ -16,7 +16,7 @@ import launchid
 from launchid.log.log import flown_log
 from sim.flight import fly_whole
 from sim.nominal import load_nominal, write_nominal
-from sim.shown import NOTEBOOK_ROWS, with_std
+from sim.shown import NOTEBOOK_ROWS
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figures")
 pandas = pytest.importorskip("pandas", reason="pandas is not installed: no frames")
@@ -90,15 +90,6 @@ def test_a_frame_without_a_valid_window_has_numbers_that_are_nan(folder, found):
     assert len(frame) == 3 and not frame["valid"].any()
     assert {name for name, kind in frame.dtypes.items() if not pandas.api.types.is_numeric_dtype(kind)} <= TEXTS
     assert all(frame[name].isna().all() for name in frame.columns if name.startswith(("a6_d", "k1_s", "wind")))
-
-
-def test_a_term_s_standard_deviation_is_in_the_table_and_in_the_frame(folder):
-    made = launchid.identify(folder / "log.csv", window=6, library="theta,beta,theta_dot")
-    window = next(w for w in made.report["windows"] if "theta_dot" in w["terms"])
-    term, std = window["terms"]["theta_dot"], window["terms_std"]["theta_dot"]
-    frame = made.to_frame()
-    assert std > 0.0 and std in frame["terms_std_theta_dot"].tolist() and term in frame["terms_theta_dot"].tolist()
-    assert f"theta_dot {with_std(term, std)}" in made.summary() and " +- " in with_std(term, std)
 
 
 @pytest.mark.parametrize("name", RESULTS)

@@ -2,7 +2,6 @@
 
 import os
 import re
-import signal
 import stat
 import subprocess
 import sys
@@ -90,14 +89,6 @@ def test_an_interrupt_while_modules_are_imported_is_one_line(module):
     done = python("-c", STOPPED.replace("MODULE", module), "effects")
     assert done.returncode == 130
     assert done.stderr == "launchid: interrupted; files already written are whole\n"
-
-
-@pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
-def test_who_ignores_interrupts_goes_on_ignoring_them():
-    done = subprocess.run([sys.executable, "-c", STOPPED.replace("MODULE", "launchid.cli.main"), "--version"], cwd=ROOT,
-                          text=True, capture_output=True, timeout=300, check=False,
-                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
-    assert (done.returncode, done.stderr) == (0, "") and done.stdout.startswith("launchid ")
 
 
 @pytest.mark.parametrize("words", ["identify LOG", "uncertainty LOG vega_like"])

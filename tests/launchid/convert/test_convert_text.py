@@ -33,8 +33,8 @@ THETA = np.round(0.05 * np.sin(3.0 * T) - 1e-5, 7)
 BETA = np.round(0.02 * np.cos(2.0 * T), 7)
 LOG = {"t": T, "theta": THETA, "beta": BETA}
 MAP = '[time]\nname = "t"\n[columns]\ntheta = {from = "theta"}\nbeta = {from = "beta"}\n'
+DIGITS = "9" * 400
 BY_PLACE = '[time]\nname = "0"\n[columns]\ntheta = {from = "1"}\nbeta = {from = "2"}\n'
-DEEP, DIGITS = 5000, "9" * 400
 
 
 def table(delimiter: str = ",", header: str | None = "t,theta,beta", stamps: Callable[[float], str] = repr,
@@ -447,17 +447,6 @@ def test_what_ends_the_mat_library_is_refused_and_what_it_does_not_know_is_told(
         assert "is a MATLAB object" in next(what for name, what in channels.items() if name.startswith("beta"))
 
 
-@pytest.mark.parametrize(("text", "mention"), [
-    ("x = " + "[" * DEEP + "]" * DEEP, "nested too deeply"),
-    ("[columns]\ntheta = " + "{a = " * DEEP + "1" + "}" * DEEP, "nested too deeply"),
-    (MAP.replace('"beta"}', f'"beta", scale = {DIGITS}}}'), "columns.beta.scale = 999"),
-    (MAP.replace('"beta"}', f'"beta", within = {"9" * 5000}}}'), "4300 digits"),
-    (MAP.replace('"beta"}', f'"beta", offset = 0x{"f" * 5000}}}'), "columns.beta.offset = ...: expected a number"),
-    (MAP.replace('{from = "beta"}', f'{{sum = ["beta"], weights = [{DIGITS}]}}'), "columns.beta.weights")])
-def test_a_map_that_is_absurd_is_one_line(tmp_path, capsys, text, mention):
-    assert mention in refusal(tmp_path, capsys, table(), text)
-
-
 # ---- anything
 
 
@@ -518,9 +507,3 @@ def test_damaged_tables_and_maps_give_a_log_or_a_line(tmp_path, capsys):
         capsys.readouterr()
         assert convert(tmp_path, text, MAP) == (3 if k else 0)
         assert len(capsys.readouterr().err.splitlines()) == 1
-
-
-@pytest.mark.campaign
-def test_twenty_thousand_damaged_tables_and_maps_give_a_log_or_a_line(tmp_path):
-    survived = [survives(tmp_path, seed) for seed in range(100, 20_100)]
-    assert 4_000 < survived.count(True) < 16_000

@@ -8,7 +8,6 @@ from shortened import short
 from test_diagnosis import log_of
 
 from launchid.diagnosis.adapter import FEWEST_ROWS
-from launchid.diagnosis.answer import headline
 from launchid.diagnosis.controller.check import GAIN, NO_MISMATCH, OTHER_FILTER, check_controller
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.verdict import diagnose
@@ -59,14 +58,6 @@ def test_another_filter_is_another_one_wherever_its_log_begins():
 
 
 # ---- short ones
-
-
-def test_of_a_log_of_a_few_rows_nothing_is_claimed():
-    log = cut(flown(""), 0.0, 0.3)
-    assert len(log.t) < FEWEST_ROWS
-    made = diagnose(log, NOMINAL)
-    assert (made.verdict, made.where, made.named) == ("unexplained", None, ())
-    assert "too few rows" in headline(made) and "log longer" in made.doubts[0]
 
 
 def test_a_vehicle_lost_within_a_second_is_not_called_consistent():

@@ -22,7 +22,7 @@ from launchid.identification.windows import onboard_model, run
 from launchid.log.check import checked
 from launchid.log.log import Log, flown_log, log_of, read_log, write_columns, write_flight
 from launchid.weakform.rows import usable
-from launchid.weakform.windows import disbelieved, judged_windows
+from launchid.weakform.windows import disbelieved
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core.regression import residual
 from sim.effects import from_text
@@ -297,16 +297,6 @@ def test_without_a_rate_the_attitude_s_slope_judges():
     assert "OK" not in statuses(shifted(log, 0.4), 5.0)
 
 
-def test_coefficients_that_the_weak_form_contradicts_are_refused(clean):
-    """Half of k1, as a rate made of a noisy attitude gives."""
-    config, (estimate,) = windows(clean, (len(clean.t) - 1) * PERIOD)
-    seen = checked(clean)
-    weak = dataclasses.replace(estimate, xi=0.5 * estimate.xi)
-    made = judged_windows(seen, config, [weak], is_weak=False)
-    assert [e.status for e in made.estimates] == [EstimateStatus.MODEL]
-    assert "coefficients" in [lack.what for lack in made.lacks]
-
-
 def test_of_a_column_of_another_quantity_no_number_is_left():
     """Neither the window's nor the tracked estimate nor the level, whatever the filter made of it."""
     flight = fly_whole(load_nominal("vega_like"), 1)
@@ -318,12 +308,6 @@ def test_of_a_column_of_another_quantity_no_number_is_left():
 
 
 # ---- what cannot be asked
-
-
-def test_windows_too_short_for_their_coefficients_are_unchecked(clean):
-    made = identify(clean, window=0.15).report
-    assert "OK" not in {w["status"] for w in made["windows"]}
-    assert "UNCHECKED" not in {w["status"] for w in made["windows"]} or "too few rows" in made["unchecked"]
 
 
 @pytest.mark.parametrize("stamp", [1e308, 1e11, 500.0, -500.0])

@@ -176,14 +176,6 @@ def test_behind_a_link_the_target_is_replaced_and_the_link_stays(tmp_path):
     assert link.is_symlink() and chain.is_symlink()
 
 
-def test_links_in_a_circle_and_into_nowhere_are_one_line(tmp_path):
-    for name, target in (("a", "b"), ("b", "a"), ("c", "none/target")):
-        (tmp_path / name).symlink_to(target)
-    for name in ("a", "c"):
-        with pytest.raises(InputError, match="cannot be written"):
-            write_text(tmp_path / name, ["new"])
-
-
 # ---- modes
 
 

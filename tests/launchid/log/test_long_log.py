@@ -54,11 +54,3 @@ def test_memory_is_that_of_the_columns(tmp_path, header, row, arrays):
     rows, held, grown = read_through_a_pipe(tmp_path, header, row, 2)
     assert (rows, held) == (2 * BLOCK_ROWS, 8 * arrays * rows)
     assert grown <= MULTIPLE * held + FIXED
-
-
-@pytest.mark.campaign
-def test_ten_million_rows_are_read_in_the_memory_of_their_columns(tmp_path):
-    rows, held, grown = read_through_a_pipe(tmp_path, "t,theta,beta", "0.25,0.0123456789,-0.5", 100)
-    assert (rows, held) == (10_000_000, 320_000_000)
-    print(f"\n{held / 1e6:.0f} MB of arrays, the peak grew by {grown / 1e6:.0f} MB")
-    assert grown <= MULTIPLE * held + FIXED

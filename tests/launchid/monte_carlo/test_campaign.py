@@ -24,7 +24,7 @@ from test_requirement_folder import files, nominal_of
 
 from launchid.cli.main import main
 from launchid.commands.campaign import campaign
-from launchid.monte_carlo.campaign import ATTEMPTS, Job, draw_jobs, run_campaign
+from launchid.monte_carlo.campaign import ATTEMPTS, run_campaign
 from launchid.monte_carlo.journal import LOCK, locked
 from launchid.monte_carlo.requirement.folder import CAMPAIGN, FLIGHTS_FILE, JOURNAL
 from sim.errors import InputError
@@ -118,13 +118,6 @@ def test_jobs_that_raise_are_rows_with_one_line(tmp_path):
     failed = [row for row in rows_of(table.path) if row["error"]]
     assert table.failed == 3 and [row["seed"] for row in failed] == ["3", "13", "23"]
     assert failed[0]["error"] == "ValueError: seed 3 is no good" and failed[0]["x"] == ""
-
-
-def test_a_seed_draws_the_same_delta_in_every_scenario_and_stays_in_the_box():
-    box, loss = draw_jobs("constant", "box", range(300)), draw_jobs("constant", "k1-loss", range(300))
-    assert [job[2:] for job in box] == [job[2:] for job in loss] and isinstance(box[0], Job)
-    delta = np.array([job[3:] for job in box])
-    assert np.all(np.abs(delta) <= 1.0) and np.all(np.abs(delta.mean(axis=0)) < 0.1)
 
 
 @pytest.mark.parametrize(("workers", "chunk"), [(1, 1), (2, 3), (3, 16)])

@@ -349,12 +349,6 @@ def test_tcp_senders_one_after_another(folder, nominal, identified):
     assert any("cut short" in line for line in session.said)
 
 
-@pytest.mark.parametrize("text", ["udp:", "udp:x", "tcp:65536", "tcp:-1", "udp:1e3", "udp:\u0661"])
-def test_a_port_that_is_none(text):
-    with pytest.raises(UsageError, match=r"expected (udp|tcp):PORT"):
-        open_source(text, once=False)
-
-
 @pytest.mark.parametrize(("words", "status"), [
     (["missing.csv"], 3), (["."], 3), (["udp:x"], 2), (["udp:0", "--http", "70000"], 2),
     (["udp:0", "--window", "nonsense"], 2), (["udp:0", "--window", "-1"], 2), (["udp:0", "--period", "0"], 2),

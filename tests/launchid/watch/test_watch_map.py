@@ -13,7 +13,6 @@ from launchid.convert.mapping import load_map
 from launchid.convert.stream import MappedStream
 from launchid.log.log import read_log, write_columns
 from launchid.watch.lines import Lines
-from sim.errors import InputError
 
 MAP = """[time]
 name = "stamp"
@@ -129,16 +128,6 @@ def test_a_file_of_another_format_needs_once_and_a_map(folder, capsys):
     status, out, _ = watched(capsys, *words, "--map", folder / "mat.toml", "--once", "--json", "-")
     _, plain, _ = watched(capsys, folder / "log.csv", "--nominal", folder / "n.toml", "--once", "--json", "-")
     assert status == 0 and json.loads(out) == json.loads(plain)
-
-
-@pytest.mark.parametrize(("text", "mention"), [
-    ("a,b\n1,2\n", "no channel 'pitch'|no channel 'stamp'"), ("1;2;3\n", "a row before a header row"),
-    ("stamp;pitch;rate;left;right\n", "no channel 'asked'")])
-def test_a_header_that_the_map_does_not_know_is_one_line(folder, text, mention):
-    lines = Lines("x", True, print, load_map(folder / "map.toml"))
-    with pytest.raises(InputError, match=mention) as caught:
-        list(lines.logs(text.encode()))
-    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_rows_that_the_map_cannot_take_are_left_out_and_counted(folder):
