@@ -65,7 +65,10 @@ def preface(config: Config, memory: Memory) -> bytes:
 
 def save(config: Config, memory: Memory) -> bytes:
     """The state of an estimator with this configuration."""
-    words = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for array in _unsealed(memory))
+    arrays = dict(memory.state_arrays())
+    arrays[GUARD_PATH] = arrays[GUARD_PATH] ^ [0, seal_of(memory)]  # what the seal is off, 0 but in damaged memory: the
+    # seal itself depends on the extents of records
+    words = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays.values())
     whole = preface(config, memory) + words
     return whole + END.pack(zlib.crc32(whole))
 
@@ -80,13 +83,6 @@ def restore(config: Config, memory: Memory, saved: bytes) -> None:
         array[...] = np.frombuffer(saved, kind, array.size, at).reshape(array.shape)
         at += WORD * array.size
     memory.parts.state.guard[CARRIED] ^= seal_of(memory)
-
-
-def _unsealed(memory: Memory) -> Iterator[np.ndarray]:
-    """The arrays that persist; of the seal of what is carried on, which depends on the extents of records, what it is
-    off: 0 but where memory is damaged."""
-    for name, array in memory.state_arrays():
-        yield array ^ [0, seal_of(memory)] if name == GUARD_PATH else array
 
 
 def seal_of(memory: Memory) -> np.int64:

@@ -9,7 +9,6 @@ from ..kernels import inner
 
 MULTIPLIER = 48271
 MODULUS = 2147483647
-DRAWS = 20  # bits of the most rows a window may have, `config.MAX_ROWS`
 
 
 def first_state(seed: int) -> int:
@@ -21,41 +20,16 @@ def first_state(seed: int) -> int:
 
 
 @inner
-def after(number, draws):
-    """The generator's state after so many draws, fewer than 2^DRAWS; by squaring."""
-    factor = MULTIPLIER
-    for _ in range(DRAWS):
-        if draws == 0:
-            break
-        if draws % 2 == 1:
-            number = number * factor % MODULUS
-        factor = factor * factor % MODULUS
-        draws = draws // 2
-    return number
-
-
-@inner
 def choose_rows(usable, n, p, random, kept):
     """Selection sampling (Knuth, TAOCP 2, 3.4.2, algorithm S): `p` of the usable rows, in order.
 
-    usable (>=n,) in    int64, 1 where the row may be used
-    n             in    rows in the window
-    p             in    rows wanted
-    random (1,)   inout int64 generator state
-    kept   (>=p,) out   int64 indices
-    Returns how many were kept: min(p, usable rows).
+    usable (>=n,) in  1 where one of the n rows may be used;  random (1,) inout  generator state
+    kept   (>=p,) out indices;  returns how many: min(p, usable rows)
     """
     left = 0
     for i in range(n):
         left += usable[i]
     count = 0
-    if p >= kept.shape[0] or left <= p:  # all of them
-        for i in range(n):
-            if usable[i] == 1:
-                kept[count] = i
-                count += 1
-        random[0] = after(random[0], left)
-        return min(count, kept.shape[0])
     number = random[0]
     for i in range(n):
         if usable[i] == 1:

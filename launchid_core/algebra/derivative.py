@@ -18,13 +18,8 @@ STENCIL = 5
 
 @inner
 def mark_segments(time, n, max_gap, segment):
-    """Number the gap-free pieces of a window.
-
-    time    (>=n,) [s] in
-    max_gap        [s] more than this between two rows is a gap
-    segment (>=n,)     out int64, 0 from the first row on
-    Returns the number of gaps.
-    """
+    """Number the gap-free pieces of a window from 0 on, segment (>=n,) out; more than max_gap [s] between two rows of
+    time (>=n,) is a gap.  Returns the number of gaps."""
     number = 0
     for i in range(n):
         if i > 0 and time[i] - time[i - 1] > max_gap:
@@ -95,14 +90,11 @@ def slopes_of_piece(time, x, first, end, slope, fifth):
 
 @inner
 def differentiate(time, x, n, segment, slope, fifth):
-    """Derivative of x at every row of a window.
+    """Derivative of x (>=n,) [u] at every row of a window, segment (>=n,) being of `mark_segments`.
 
-    time    (>=n,) [s]   in   increasing
-    x       (>=n,) [u]   in
-    segment (>=n,)       in   int64 from `mark_segments`
-    slope   (>=n,) [u/s] out  NaN in a segment of one row
-    fifth   (>=n,) [u/s] out  what the stencil's fifth point adds to the slope, an estimate of its error; 0 in a
-                              segment of fewer rows
+    slope (>=n,) [u/s] out  NaN in a segment of one row
+    fifth (>=n,) [u/s] out  what the stencil's fifth point adds to the slope, an estimate of its error; 0 in a segment
+                            of fewer rows
     """
     first = 0
     for end in range(1, n + 1):

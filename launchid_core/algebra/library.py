@@ -161,12 +161,10 @@ def function_value(function, x):
 
 @inner
 def library_column(code, z, argument, n, column):
-    """A term's column of the standardised library matrix Phi_std.
+    """A term's column (>=n,) out of the standardised library matrix Phi_std.
 
-    code     (6,)      in
-    z        (4, >=n)  in   standardised variables, bases of powers
-    argument (>=n,)    in   what its function, if it has one, is of, as measured
-    column   (>=n,)    out
+    z (4, >=n) in  standardised variables, bases of powers
+    argument (>=n,) in  what its function, if it has one, is of, as measured
     """
     for i in range(n):
         column[i] = 1.0

@@ -130,11 +130,8 @@ def turn(a, b, pivot, stop):
 
 @inner
 def scale_columns(at, norms):
-    """Divide every column by its 2-norm; a zero column (or one that is not finite) keeps its values, norm 1.
-
-    at    (n, m) inout
-    norms (n,)   out
-    """
+    """Divide every column by its 2-norm, norms (n,) out; a zero column, or one that is not finite, keeps its values,
+    norm 1."""
     n, m = at.shape
     for j in range(n):
         column = at[j]

@@ -20,19 +20,8 @@ from ..gate.ring import BETA_CMD, GAMMA, PERIOD, THETA, T, centre_of
 from ..gate.window import knows_nothing, knows_one_direction
 from ..kernels import inner, kernel
 from ..model import N_NOISES
+from . import kalman as kf
 from . import states as sx
-from .kalman import (
-    OUTLIER,
-    apply_h,
-    begins_anew,
-    correct,
-    innovation,
-    is_lost,
-    predict,
-    spread_at,
-    start_segment,
-    take_command,
-)
 from .servo import doubt_of
 from .whiteness import FOR_A6, FOR_K1, IN_WINDOW, INNOVATION, forget_blocks, note_loss, queue_block
 
@@ -89,23 +78,13 @@ def believe_nuisances(belief, fil, acc, t):
     n, last = belief.size.states, belief.size.sensitivities
     theta, beta = n + belief.size.theta, n + belief.size.beta
     for k in range(sx.N_STATES, n):
-        w = 1.0 / np.sqrt(spread_at(belief, fil, k - sx.N_STATES, t))
+        w = 1.0 / np.sqrt(kf.spread_at(belief, fil, k - sx.N_STATES, t))
         acc.window[k, k] = w
         for j in range(n, last):
             acc.window[k, j] = w * fil.s[k, j]
         acc.window[k, last] = w * (fil.s[k, theta] * fil.p_bar[sx.A6] + fil.s[k, beta] * fil.p_bar[sx.K1] - fil.x[k])
         for j in range(belief.size.servo):
             acc.window[k, last] += w * fil.s[k, belief.size.servo_at + j] * fil.servo.about[j]
-
-
-@inner
-def forget_offset(belief, fil, acc, t):
-    """The state is unknown again (a gap): keep what is known of the terms, drop the initial offset's rows."""
-    for i in range(belief.size.states):
-        for j in range(belief.size.columns):
-            acc.window[i, j] = 0.0
-    set_identity(belief.size, acc.psi)
-    believe_nuisances(belief, fil, acc, t)
 
 
 @inner
@@ -179,24 +158,24 @@ def measured(belief, row, channel):
 
 @inner
 def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_gap):
-    """One sample of the ring into the predictor; its innovations become rows of the block.
-
-    rows (c, 3 b)  inout  of the block
-    row (7,)       in     a row of the ring
-    """
+    """A `row` of the ring into the predictor; its innovations become `rows` of the block."""
     t = row[T]
-    if begins_anew(belief, fil, t, max_gap):
+    if kf.begins_anew(belief, fil, t, max_gap):
         acc.counts[BLOCK_GAPS] += int(fil.time[sx.RUNNING])  # a gap, unless it is the first sample of all
         fil.note[sx.RESTARTS] += int(fil.time[sx.RUNNING])
-        if is_lost(belief, fil):
+        if kf.is_lost(belief, fil):
             note_loss(check, t)
-        start_segment(belief, fil, t, measured(belief, row, 0), measured(belief, row, 1), measured(belief, row, 2),
-                      row[GAMMA])
+        kf.start_segment(belief, fil, t, measured(belief, row, 0), measured(belief, row, 1), measured(belief, row, 2),
+                         row[GAMMA])
         acc.s_start[:, :] = 0.0
-        forget_offset(belief, fil, acc, t)
+        for i in range(belief.size.states):  # the offset is another, what is known of the terms stays
+            for j in range(belief.size.columns):
+                acc.window[i, j] = 0.0
+        set_identity(belief.size, acc.psi)
+        believe_nuisances(belief, fil, acc, t)
         forget_blocks(check)
     else:
-        predict(belief, profile, air, fil, work, t, row[BETA_CMD], row[GAMMA])
+        kf.predict(belief, profile, air, fil, work, t, row[BETA_CMD], row[GAMMA])
     n, last = belief.size.states, belief.size.sensitivities
     theta, beta = n + belief.size.theta, n + belief.size.beta
     for channel in range(3):
@@ -207,16 +186,16 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
         partner = belief.partner[channel]
         doubt, out = 0.0, work.out[:]
         if belief.size.servo > 0:
-            apply_h(fil.s[:], channel, partner, out, last)
+            kf.apply_h(fil.s[:], channel, partner, out, last)
             doubt = doubt_of(belief.size, fil.servo, out[belief.size.servo_at:])
-        e, variance = innovation(fil, channel, partner, z)
-        outlier = e * e > OUTLIER * OUTLIER * (variance + (r + doubt))
+        e, variance = kf.innovation(fil, channel, partner, z)
+        outlier = e * e > kf.OUTLIER * kf.OUTLIER * (variance + (r + doubt))
         fil.outliers[channel] = fil.outliers[channel] + 1 if outlier else 0
         fil.note[sx.OUTLIERS] += int(outlier)
         if outlier:
             continue
         variance += r
-        correct(belief.size, fil, work, channel, partner, e, variance, r, acc.score, acc.information)
+        kf.correct(belief.size, fil, work, channel, partner, e, variance, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
         k = acc.counts[BLOCK_ROWS]
         for j in range(last):
@@ -230,7 +209,7 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
         for j in range(belief.size.servo):
             check.servo[channel, j] += out[belief.size.servo_at + j] * scale
     acc.counts[SAMPLES] += 1
-    take_command(belief.constant, belief.size.servo, fil, row[BETA_CMD])
+    kf.take_command(belief.constant, belief.size.servo, fil, row[BETA_CMD])
 
 
 @inner

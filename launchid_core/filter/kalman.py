@@ -267,8 +267,6 @@ def correct(size, fil, work, channel, partner, e, variance, r, score, informatio
             p[i, j] -= g * work.column[j]
 
 
-
-
 @inner
 def spread_at(belief, fil, j, t):
     """Variance of nuisance j at t [s] before any data: a walk has gone on since the first sample."""

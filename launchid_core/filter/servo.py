@@ -286,10 +286,7 @@ def widen_check(block):
 
 @inner
 def widen_pair(belief, fil, work):
-    """The block's triangles for offset, a6 and k1, the servo being what is known of it and no longer as linearised.
-
-    work  AccumulatorWork, pair and block out, triangle in
-    """
+    """The block's triangle for offset, a6 and k1, the servo being what is known of it and no longer as linearised."""
     size, servo = belief.size, fil.servo
     at, n, c, known = size.servo_at, size.states, size.columns, size.servo
     width = known + size.pair
@@ -316,10 +313,7 @@ def widen_pair(belief, fil, work):
 
 @inner
 def learn_servo(belief, fil, work):
-    """The block's information about the deviations, beside an a6 and a k1 of its own, joins the flight's.
-
-    work  AccumulatorWork, triangle in
-    """
+    """The block's information about the deviations, beside an a6 and a k1 of its own, joins the flight's."""
     size, servo = belief.size, fil.servo
     at, n, c, known = size.servo_at, size.states, size.columns, size.servo
     width = 3 + known

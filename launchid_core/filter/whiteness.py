@@ -216,8 +216,7 @@ def judge_window(check, level, unexplained, t):
 def forget_blocks(check):
     """The state is unknown again (a gap): what was gathered of a block is dropped, and the past is no neighbour."""
     check.mean[:, :] = 0.0
-    for c in range(sx.N_CHANNELS):
-        check.seen[c] = 0
+    check.seen[:] = 0
     check.servo[:, :] = 0.0
     check.flag[BLOCKS_WAITING] = 0
     check.history[:, :] = 0.0

@@ -100,17 +100,11 @@ def centre_of(fixed, state):
 
 
 @inner
-def is_past(limits, clock, count, t):
-    """Whether t lies past the current window's end."""
-    return t >= clock[T_FIRST] + (count[INDEX] + 1) * limits[WINDOW] - SAME_INSTANT * limits[PERIOD]
-
-
-@inner
 def seek_window(limits, clock, count, t):
     """Close the current window if t lies past its end, and move to the window that holds t; True if one closed."""
-    if not is_past(limits, clock, count, t):
-        return False
     slack = SAME_INSTANT * limits[PERIOD]
+    if t < clock[T_FIRST] + (count[INDEX] + 1) * limits[WINDOW] - slack:
+        return False
     closed = count[ROWS] > 0
     if closed:
         close_window(limits, clock, count, 1)
@@ -135,10 +129,6 @@ def unwrap(clock, count, theta, anew):
 def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.
 
-    limits (N_LIMITS,)   in     periods, window, ranges
-    clock  (N_CLOCK,)    inout
-    count  (N_COUNT,)    inout  int64
-    ring   (m + 1, 7)    inout
     After WINDOW_COMPLETE the closed window's rows are the count[CLOSED_ROWS] newest
     ones in the ring but for the newest count[CLOSED_BACK].
     """
@@ -192,10 +182,7 @@ def place_of_row(count, ring, k):
 def copy_window(ring, count, saturation, signal):
     """Copy the closed window's samples, oldest first, leaving out those at a sensor's end stop.
 
-    ring       (m + 1, 7) in
-    count      (N_COUNT,) in
-    saturation (7,)       in   end stop of each column; inf: none
-    signal     (7, m)     out  one row a column of the ring
+    saturation (7,) in  end stop of each column, inf: none;  signal (7, m) out  one row a column of the ring
     Returns how many were copied and how many left out.
     """
     n, left_out = count[CLOSED_ROWS], 0

@@ -63,10 +63,7 @@ def contradiction(ring, counts, column, first, last):
 
 @inner
 def is_stuck(ring, counts, learned, column, stop):
-    """Whether a channel stood still in the closed window; what it is like otherwise is learned.
-
-    ring (m + 1, 7), counts  in;  learned (2,) inout  REPEAT_SHARE, SMALLEST_STEP;  stop  in  the sensor's end stop
-    """
+    """Whether a channel stood still in the closed window; what it is like otherwise is learned."""
     run, last, repeats, smallest = longest_run(ring, counts, column, stop)
     rows = counts[rb.CLOSED_ROWS]
     share, chance = max((repeats - run + 1.0) / (rows - run + 1.0), learned[REPEAT_SHARE]), 1.0
@@ -85,10 +82,7 @@ def is_stuck(ring, counts, learned, column, stop):
 
 @inner
 def stands_still(ring, counts, learned, stops):
-    """Whether any channel stood still in the closed window; counted.
-
-    learned (3, 2) inout;  stops (>=3,)  in  the end stops of theta, theta_dot, beta
-    """
+    """Whether any channel stood still in the closed window; counted.  stops (>=3,): of theta, theta_dot, beta"""
     stuck = False
     for k in range(N_WATCHED):
         stuck = is_stuck(ring, counts, learned[k], THETA + k, stops[k]) or stuck

@@ -41,14 +41,6 @@ def dtype_of(struct: Struct) -> "np.dtype[Any]":
                      align=True)
 
 
-def carried_words(struct: Struct, block: np.ndarray) -> np.ndarray:
-    """View of the words of an estimator's block that are carried on, and sealed, as int64."""
-    whole, state = dtype_of(struct), dtype_of(struct)[STATE]
-    begin = whole.fields[STATE][1]  # type: ignore[index]
-    first = begin + state.fields[CARRIED_FROM[struct.name]][1]  # type: ignore[index]
-    return block.view(np.int64)[first // I8.itemsize:(begin + state.itemsize) // I8.itemsize]
-
-
 @cache
 def members_of(struct: Struct) -> type[tuple[Any, ...]]:
     """The named tuple of a struct's arrays and structs."""
@@ -144,7 +136,10 @@ def allocate(config: Config) -> Memory:
         fixed["size"][name] = number
     apart = {name: np.zeros(extents(shape, grown), kind) for name, _, kind, shape,
              _ in tb.SEPARATE_ARRAYS[struct.name]}
-    memory = Memory(size, struct, block, carried_words(struct, block), members(struct, block, size), apart)
+    state, begin = dtype_of(struct)[STATE], dtype_of(struct).fields[STATE][1]  # type: ignore[index]
+    carried = begin + state.fields[CARRIED_FROM[struct.name]][1]  # type: ignore[index]
+    words = block.view(np.int64)[carried // I8.itemsize:(begin + state.itemsize) // I8.itemsize]
+    memory = Memory(size, struct, block, words, members(struct, block, size), apart)
     limits = memory.parts.fixed.limits
     limits[rb.PERIOD], limits[rb.WINDOW], limits[rb.MAX_GAP] = config.sample_period, config.window, config.max_gap
     limits[rb.LIMIT_FIRST:] = (config.t_limit, config.theta_limit, config.theta_dot_limit, config.beta_limit,

@@ -1,7 +1,7 @@
 """The order of a filtered estimator's work: what is done with a sample, with a block of samples, with a window.
 
 Every sample passes the gate into the ring (`push_sample`).  When a block is full, or a window closes, the block's
-samples go through the filter and are used (`block`); a window that closes is solved (`close_window`).
+samples go through the filter and are used (`close_block`); a window that closes is solved (`close_window`).
 
 Entries are shallow, for numba compiles all that an entry calls into it; `update_filtered` calls them in turn, in Python
 as in C.  What a configuration does without (structure, range) is in entries of its own, which are not compiled then.
@@ -32,6 +32,8 @@ from ..watch import undeclared as un
 from ..watch.uncertainty import close_range, restart_gauge, watch_range
 
 OFFSET_TIME = 6000.0  # s: in it an offset may change by its whole spread, one sigma; by 11 % in 70 s
+TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
+ABSURD_LEVEL = 12.0  # of a noise level's logarithm: a factor 160,000 either way is no sensor's
 NOTHING, CLOSE, SET_STEP = range(3)  # what is to be done after `gather`
 
 
@@ -103,10 +105,7 @@ def seal_carried(state, words, rows):
 
 @kernel
 def check_block(block, ring, seals, rows, words, code):
-    """The status `code`, or RECOVERED where what waits in the ring, or is carried on, is not as it was left.
-
-    words  in  of the block what is carried on, seen as int64
-    """
+    """The status `code`, or RECOVERED where what waits in the ring, or is carried on, is not as it was left."""
     state, capacity = block[0].state, ring.shape[0]
     counts, seen, flag, other = state.counts, state.watch.counts, state.check.flag, state.undeclared.flag
     # every place and count that is carried on lies within its array
@@ -196,16 +195,18 @@ def track_block(block):
 def detect_change(block, still):
     """Look for a sudden change, and for a gust after calm; whether one moved the filter's state: then nothing before
     goes with what follows, the window begins again, and nothing of this block is noise or structure.
-
-    still  log density of the block without a change
-    """
+    still  log density of the block without a change"""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     bank, after, fil, watch, size = state.bank, work.acc.belief, state.filter, state.watch, fixed.belief.size
     dt, t_end = fl.span_of(fixed, state)
     factor, slot, kind = ch.follow_onsets(size.states, watch, work.bank, work.acc.column[:], work.acc.pair, fil.s, dt,
                                        still)
     if not factor > ch.THRESHOLD or state.check.flag[wh.WHITENESS_RAISED] == 1:
-        ch.settle_event(watch, bank.total)
+        newest = watch.event[(watch.counts[ch.EVENTS] - 1) % ch.MAX_EVENTS]
+        settled = watch.counts[ch.EVENTS] > 0 and watch.counts[ch.SINCE] >= ch.SETTLE
+        if settled and newest[ch.E_STAGE] == ch.OPEN:
+            ch.size_event(watch, newest, bank.total)
+            newest[ch.E_STAGE] = ch.FINAL
         moved = state.check.flag[wh.WHITENESS_RAISED] == 0 and accept_gust(fixed.belief, state, factor, dt)
         if moved:
             restart_window(fixed, state, t_end)
@@ -257,7 +258,11 @@ def end_block(block):
         first = sx.FIRST_STD * sx.FIRST_STD
         tr.restart_bank(bank, total[sx.MEAN_A6], total[sx.MEAN_K1], first, 0.0, first)
     if check.flag[wh.BEYOND_CHANCE] == 1:
-        fil.note[sx.WITHDRAWN_CHANGES] += ch.withdraw_events(state.watch, t_end - wh.LONGEST_MEMORY)
+        for k in range(min(state.watch.counts[ch.EVENTS], ch.MAX_EVENTS)):  # what began lately was no change
+            event = state.watch.event[k]
+            if event[ch.E_TIME] > t_end - wh.LONGEST_MEMORY and event[ch.E_STAGE] != ch.WITHDRAWN:
+                event[ch.E_STAGE] = ch.WITHDRAWN
+                fil.note[sx.WITHDRAWN_CHANGES] += 1
     acc.counts[fl.BLOCK_ROWS] = 0
     fl.begin_block(fixed.belief, fil, acc)
 
@@ -280,10 +285,6 @@ def close_block(size, block, rows, profile):
     end_block(block)
 
 
-TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
-ABSURD_LEVEL = 12.0  # of a noise level's logarithm: a factor 160,000 either way is no sensor's
-
-
 # ---- a sample
 
 
@@ -299,11 +300,7 @@ def take_into_ring(fixed, state, ring, seals, rows, t, theta, theta_dot, beta, t
 
 @kernel
 def push_sample(block, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
-    """Gate and ring: the sample's Status, and DUE more where what waits is to be used.
-
-    block  (1,) inout  of the estimator (`table.FILTERED`);  ring (m + 1, 7), seals (m + 1,)  inout
-    rows   (c, 3 b)  in  of a block
-    """
+    """Gate and ring: the sample's Status, and DUE more where what waits is to be used."""
     fixed, state = block[0].fixed, block[0].state
     return take_into_ring(fixed, state, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
 
@@ -398,10 +395,7 @@ def follow_range(block, sigma, code):
 
 @inner
 def is_sound(size, fil, total):
-    """Whether what is carried over the whole flight can be: all finite, no variance below 0, no absurd noise level.
-
-    total (N_BELIEF,) in  the tracked belief
-    """
+    """Whether what is carried over the whole flight can be: all finite, no variance below 0, no absurd noise level."""
     sound = np.isfinite(total[sx.MEAN_A6] + total[sx.MEAN_K1] + total[sx.COV] + total[sx.VAR_A6] + total[sx.VAR_K1])
     sound = sound and total[sx.VAR_A6] >= 0.0 and total[sx.VAR_K1] >= 0.0
     for i in range(size.states):
@@ -454,7 +448,7 @@ def update_filtered(size, block, words, ring, seals, rows, profile, air, sigma, 
                     beta_cmd, gamma):
     """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it.
 
-    size  in  how much of the memory is in use;  the rest as of the entries, in the order of `table.APART`
+    size  how much of the memory is in use;  the rest as of the entries, in the order of `table.SEPARATE_ARRAYS`
     """
     code = push_sample(block, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code >= rb.DUE:

@@ -34,7 +34,6 @@ RATE_ARGUMENT = 1         # theta_dot, as the argument of a term's function
 def push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.  WINDOW_COMPLETE: the window's close has to follow, and says what it is.
 
-    block  (1,) inout  of the estimator (`table.REGRESSION`);  ring (m + 1, 7), seals (m + 1,)  inout
     RECOVERED: memory is damaged, the caller has to begin anew with it.
     """
     fixed, state = block[0].fixed, block[0].state
@@ -64,11 +63,7 @@ def push_until_due(block, ring, seals, samples, at):
 @inner
 def take_window(fixed, state, ring, seals, words, rows, marks):
     """The closed window's samples into `rows`; returns (WINDOW_COMPLETE or RECOVERED, OK or the reason why not to use
-    them, how many, rows to keep, gaps).
-
-    words  in  of the block what is carried on, seen as int64
-    rows (N_SERIES, m), marks (N_MARKS, m)  out  as `rows` names them
-    """
+    them, how many, rows to keep, gaps)."""
     plan, stop, counts = fixed.plan, fixed.saturation, state.counts
     whole = fold_words(words) == state.guard[CARRIED]
     for k in range(counts[rb.CLOSED_ROWS]):
@@ -253,10 +248,7 @@ def close_window(size, block, words, ring, seals, rows, marks, columns, series, 
 
 def update_regression(size, block, words, ring, seals, rows, marks, columns, series, t, theta, theta_dot,
                       beta, theta_ddot, beta_cmd, gamma):
-    """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it.
-
-    size  in  how much of the memory is in use;  the rest as of the entries, in the order of `table.SEPARATE_ARRAYS`
-    """
+    """`push_sample`, and the close of a window that is complete."""
     code = push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code == rb.WINDOW_COMPLETE:
         code = close_window(size, block, words, ring, seals, rows, marks, columns, series, code)

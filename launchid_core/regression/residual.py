@@ -27,17 +27,8 @@ import math
 
 import numpy as np
 
-from ..algebra.linsolve import (
-    EPS,
-    U,
-    apply_q_transposed,
-    dot,
-    qr_factor,
-    rotate,
-    scale_columns,
-    solve_triangle,
-    subtract,
-)
+from ..algebra import linsolve as ls
+from ..algebra.linsolve import EPS, U, dot
 from ..algebra.sparse import ACTIVE_TOLERANCE
 from ..gate import window as wn
 from ..kernels import inner
@@ -111,7 +102,7 @@ def factor_drifts(plan, q, size, work, drift, count, free):
             drifts += 1
     if drifts == 0 or size + drifts >= free:
         return 0
-    scale_columns(drift[:drifts * count].reshape((drifts, count)), work.drift_norms[:])
+    ls.scale_columns(drift[:drifts * count].reshape((drifts, count)), work.drift_norms[:])
     left = count - size
     for d in range(drifts):
         column = drift[d * count:(d + 1) * count]
@@ -122,7 +113,7 @@ def factor_drifts(plan, q, size, work, drift, count, free):
         for i in range(q - size, left):
             drift[d * left + i] = column[size + i]
     tails = drift[:drifts * left].reshape((drifts, left))
-    rank = qr_factor(tails, work.drift_order[:drifts], work.drift_tau[:], ACTIVE_TOLERANCE)
+    rank = ls.qr_factor(tails, work.drift_order[:drifts], work.drift_tau[:], ACTIVE_TOLERANCE)
     return drifts if rank == drifts and abs(tails[0, 0]) > ACTIVE_TOLERANCE else 0
 
 
@@ -145,8 +136,8 @@ def fill_series(plan, q, size, work, y, drift, series, drifts, known):
         series[1, i] = rows[i, 3 * q] if i < q else y[i]
         series[0, i] = series[1, i]
     residual = series[0][size:]
-    apply_q_transposed(tails, work.drift_tau[:], drifts, residual)
-    solve_triangle(tails, drifts, residual, value)
+    ls.apply_q_transposed(tails, work.drift_tau[:], drifts, residual)
+    ls.solve_triangle(tails, drifts, residual, value)
     for k in range(drifts):
         residual[k] = 0.0
     for j in range(q):
@@ -182,14 +173,14 @@ def turn_back(plan, at, q, size, work, drift, series, drifts):
     tails = drift[:drifts * left].reshape((drifts, left))
     for k in range(series.shape[0]):
         if k == 0 or (k > 1 and rw.is_active(plan, work.active[:], k - 2)):
-            rotate(tails, work.drift_tau[:], drifts, series[k][size:].reshape((1, left)), 0, 1)
+            ls.rotate(tails, work.drift_tau[:], drifts, series[k][size:].reshape((1, left)), 0, 1)
         head = work.head[:q]
         head[:] = 0.0
         for i in range(q):
-            subtract(head, -series[k, i], rows[i][2 * q:3 * q], 0, q)
+            ls.subtract(head, -series[k, i], rows[i][2 * q:3 * q], 0, q)
         for i in range(q):
             series[k, i] = head[i]
-    rotate(at, work.tau[:], q, series, 0, series.shape[0])
+    ls.rotate(at, work.tau[:], q, series, 0, series.shape[0])
 
 
 @inner

@@ -1,8 +1,7 @@
 """The choices made at construction, as kernels read them; the step from a closed window's samples to rows: slopes,
 standardised variables, library columns and targets.
 
-Throughout: rows (N_SERIES, m) and marks (N_MARKS, m) as named below; phi (q, count) library columns, target
-(EQUATIONS, count).
+Throughout: rows (N_SERIES, m) and marks (N_MARKS, m) as named below.
 """
 
 import numpy as np
@@ -148,7 +147,6 @@ def pointwise_rows(codes, rows, marks, at, count, t_centre):
         at[q + EQUATIONS, r], at[q + EQUATIONS + 1, r] = tau * rows[ATTACK, i], tau * rows[BETA, i]
 
 
-
 @inner
 def fill_weights(rows, marks, n):
     """Weights (4, n) of the four rows around every step in the integral over it, into the rows from WEIGHT on: column i
@@ -270,7 +268,6 @@ def integral_error(codes, work, rows, marks, n, xi, held):
                     running += 11.0 / 1440.0 * step * (bend[i - 2] - bend[i - 1] - bend[i] + bend[i + 1])
                 rows[ROW_ERROR, i] += running
         first = end
-
 
 
 @inner

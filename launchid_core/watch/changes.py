@@ -93,11 +93,8 @@ def follow_onset(n, state, work, slot, kind, pair, dt):
 def follow_onsets(n, state, work, column, pair, transition, dt, still):
     """Give a block to every onset's trackers; returns (largest log Bayes factor, its slot, its kind).
 
-    n      states of the filter
-    work BankWork, column (n,) scratch
-    pair (n + 3, n + 3) in square-root information: offset at the block's start, a6, k1, right-hand side
-    transition (n, >=n) in of the offset over the block
-    dt [s];  still: log density of the block without a jump
+    pair (n + 3, n + 3) in  square-root information: offset at the block's start, a6, k1, right-hand side
+    transition (n, >=n) in  of the offset over the block;  dt [s];  still: log density of the block without a jump
     """
     best, best_slot, best_kind = -np.inf, 0, 0
     for back in range(state.counts[KEPT_EVENTS]):
@@ -164,26 +161,3 @@ def size_event(state, event, belief):
     event[E_A6_AFTER], event[E_K1_AFTER] = belief[sx.MEAN_A6], belief[sx.MEAN_K1]
     event[E_A6_VARIANCE] = state.reference[sx.VAR_A6] + belief[sx.VAR_A6]
     event[E_K1_VARIANCE] = state.reference[sx.VAR_K1] + belief[sx.VAR_K1]
-
-
-@inner
-def settle_event(state, belief):
-    """SETTLE blocks after its onset, an event's size becomes final."""
-    if state.counts[EVENTS] == 0 or state.counts[SINCE] < SETTLE:
-        return
-    event = state.event[(state.counts[EVENTS] - 1) % MAX_EVENTS]
-    if event[E_STAGE] == OPEN:
-        size_event(state, event, belief)
-        event[E_STAGE] = FINAL
-
-
-@inner
-def withdraw_events(state, since):
-    """The model is contradicted: events that began after `since` [s] were no changes; returns how many more."""
-    withdrawn = 0
-    for k in range(min(state.counts[EVENTS], MAX_EVENTS)):
-        event = state.event[k]
-        if event[E_TIME] > since and event[E_STAGE] != WITHDRAWN:
-            event[E_STAGE] = WITHDRAWN
-            withdrawn += 1
-    return withdrawn

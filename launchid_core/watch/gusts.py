@@ -14,7 +14,6 @@ the filter takes it over: state, covariance and belief are those of a filter tha
 Assumption: an increment of the wind comes at a block's start.
 """
 
-
 from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import carry_columns, carry_vector, measure
 from ..filter import states as sx

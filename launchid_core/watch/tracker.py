@@ -100,14 +100,8 @@ def mix(state):
 
 @inner
 def track(state, work, memory, dt, block):
-    """Follow one block.
-
-    state  inout;  work  scratch
-    memory [s]  in
-    dt     [s]  in   time the block spans
-    block  (3, 3) in its square-root information about (a6, k1), right-hand side last
-    Returns the block's log predictive density, but for a constant.
-    """
+    """Follow one block of dt [s], block (3, 3) being its square-root information about (a6, k1), right-hand side last;
+    returns its log predictive density, but for a constant."""
     fade = exp_of(-dt / memory)
     best = -np.inf
     for i in range(len(MEMBERS)):

@@ -86,14 +86,7 @@ def judge(gauge, p, mean, std, t, t_first, onset):
 
 @inner
 def watch_range(sigma, gauge, total, now, t_first, counts, event):
-    """Look at the tracked estimate: the alarm of both parameters.
-
-    sigma, gauge  in, inout
-    total (5,)    in     tracked belief of the relative deviations
-    now           in     [s] time of the tracked estimate
-    t_first       in     [s] the first sample
-    counts, event in     of `changes.Watch`
-    """
+    """Look at the tracked belief `total` at `now` [s]: the alarm of both parameters.  t_first [s]: the first sample"""
     if not np.isfinite(total[sx.MEAN_A6] + total[sx.MEAN_K1]):
         return
     onset = np.inf

@@ -72,12 +72,6 @@ def copy_knowledge(mean, covariance, to_mean, to_covariance):
 
 
 @inner
-def remember(state, slot):
-    """Keep what the first filter knows now in a slot of the past."""
-    copy_knowledge(state.mean[CONSTANT], state.covariance[CONSTANT], state.past[slot], state.past_covariance[slot])
-
-
-@inner
 def restart_undeclared(state):
     """Nothing is known."""
     for f in range(FILTERS):
@@ -85,7 +79,7 @@ def restart_undeclared(state):
         state.better[f] = 0.0
     state.flag[:] = 0
     for slot in range(2):
-        remember(state, slot)
+        copy_knowledge(state.mean[CONSTANT], state.covariance[CONSTANT], state.past[slot], state.past_covariance[slot])
     state.number[LASTED] = 0.0
 
 
@@ -94,7 +88,8 @@ def begin_block(state):
     """Keep what was known before the block, once in CHANGE_BLOCKS blocks."""
     if state.flag[AGE] >= sx.CHANGE_BLOCKS:
         state.flag[NEWER], state.flag[AGE] = 1 - state.flag[NEWER], 0
-        remember(state, state.flag[NEWER])
+        slot = state.flag[NEWER]
+        copy_knowledge(state.mean[CONSTANT], state.covariance[CONSTANT], state.past[slot], state.past_covariance[slot])
     state.flag[AGE] += 1
 
 
@@ -108,26 +103,22 @@ def go_back(state, blocks):
 
 
 @inner
-def take_up_again(state):
-    """Nothing else contradicts the model any more: a6 and k1 are open, and after a gust, of which they learned as it
-    began, w and d too."""
-    if state.flag[DOUBT] == KEEPS_CHANGING:
+def settle_doubt(state, doubt, level):
+    """Forget what was learned in doubt, or of a sensor that turned out noisier by RISEN than it was taken for: once
+    nothing else contradicts the model any more a6 and k1 are open, and after a gust, of which they learned as it began,
+    w and d too.  doubt  what else contradicts the model;  level (L,) in"""
+    if doubt != NO_VERDICT:
+        state.flag[DOUBT] = max(state.flag[DOUBT], doubt)
+    elif state.flag[DOUBT] == KEEPS_CHANGING:
         restart_undeclared(state)
-    else:
+    elif state.flag[DOUBT] != NO_VERDICT:
         for f in range(FILTERS):
             forget_places(state, f, 0, WIND_STATES)
         state.flag[DOUBT] = NO_VERDICT
-
-
-@inner
-def learns_noise(state, level):
-    """Whether a sensor turned out noisier by RISEN than it was taken for: what was learned so was learned too surely.
-    level (L,) in"""
     highest = max(level[0], level[1], level[2], 0.0)
-    risen = highest > state.number[NOISE] + RISEN
-    if risen:
+    if highest > state.number[NOISE] + RISEN:
         state.number[NOISE] = highest
-    return risen
+        restart_undeclared(state)
 
 
 @inner
@@ -177,38 +168,25 @@ def choose_filter(state, better):
             state.better[:] = 0.0
 
 
-@inner
-def pace(weight):
-    """(random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of a6 and k1 by the
-    tracker's weights of its members.  weight (b,) in"""
-    walk = slope = 0.0
-    for i in range(len(MEMBERS)):
-        walk += weight[i] * MEMBERS[i, TRACKER_WALK] * MEMBERS[i, TRACKER_WALK]
-        slope += weight[i] * MEMBERS[i, TRACKER_SLOPE] * MEMBERS[i, TRACKER_SLOPE]
-    return math.sqrt(walk), math.sqrt(slope)
-
-
 @kernel
 def follow_undeclared(block, profile):
     """Take what a block that was gathered says of wind and misalignment that nobody declared."""
     belief, fil, state, work = block[0].fixed.belief, block[0].state.filter, block[0].state.undeclared, block[0].work
     if belief.size.undeclared == 0:
         return
-    doubt = contradicted_by(block[0].state.check)  # what else contradicts the model
+    doubt = contradicted_by(block[0].state.check)
     dt, t = span_of(block[0].fixed, block[0].state)
-    if doubt != NO_VERDICT:
-        state.flag[DOUBT] = max(state.flag[DOUBT], doubt)
-    elif state.flag[DOUBT] != NO_VERDICT:
-        take_up_again(state)
-    if learns_noise(state, fil.level):
-        restart_undeclared(state)
+    settle_doubt(state, doubt, fil.level)
     if doubt == KEEPS_CHANGING:
         return
     begin_block(state)
     reduce_moment(belief, work.undeclared, work.acc.triangle, quietest_share(fil.level))
     a6, k1 = sx.profile_at(profile, t)
-    walk, slope = pace(block[0].state.bank.weight)
-    better = 0.0
+    better = walk = slope = 0.0
+    for i in range(len(MEMBERS)):  # variances of a6's and k1's walk and slope, as the tracker weighs its members
+        walk += block[0].state.bank.weight[i] * MEMBERS[i, TRACKER_WALK] * MEMBERS[i, TRACKER_WALK]
+        slope += block[0].state.bank.weight[i] * MEMBERS[i, TRACKER_SLOPE] * MEMBERS[i, TRACKER_SLOPE]
+    walk, slope = math.sqrt(walk), math.sqrt(slope)
     for f in range(FILTERS):
         mean, covariance = state.mean[f], state.covariance[f]
         move(mean, covariance, UNDECLARED_SIZE, walk, slope, dt)

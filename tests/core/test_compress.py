@@ -8,7 +8,6 @@ from unjitted import unjitted
 
 from launchid_core.algebra import compress
 from launchid_core.algebra.compress import MODULUS, MULTIPLIER, first_state
-from launchid_core.config import MAX_ROWS
 
 choose_rows = unjitted(compress.choose_rows)
 
@@ -47,12 +46,6 @@ def test_where_all_rows_are_kept_the_generator_goes_on_as_if_each_was_drawn(n, s
     kept, state = chosen([1] * n, n, first_state(seed))
     assert kept == list(range(n))
     assert state == first_state(seed) * pow(MULTIPLIER, n, MODULUS) % MODULUS
-
-
-def test_a_window_has_no_more_rows_than_the_generator_skips_at_once():
-    assert MAX_ROWS < 2 ** compress.DRAWS
-    _, state = chosen([1] * MAX_ROWS, MAX_ROWS, 1)
-    assert state == pow(MULTIPLIER, MAX_ROWS, MODULUS)
 
 
 @given(seeds)
