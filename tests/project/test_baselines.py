@@ -25,8 +25,7 @@ SECONDS = 50.0   # of a flight
 A6_FACTOR, K1_FACTOR = 1.2, 0.85
 TOLERANCE = {  # largest relative error over the windows that move, `constant`, 10 s
     "difference, ten terms": 0.02, "difference, two terms": 0.005, "pysindy weak, tuned": 1e-3, "integral": 0.002,
-    "RLS, forgetting": 0.01, "frequency domain": 1e-3, "extended Kalman, profile": 0.01, "launchid filtered": 0.04,
-    "launchid tracked": 0.01}
+    "extended Kalman, profile": 0.01, "launchid filtered": 0.04, "launchid tracked": 0.01}
 PROFILED = {"extended Kalman, profile": 0.005, "launchid filtered": 0.005, "launchid tracked": 0.001}
 
 
