@@ -221,9 +221,13 @@ def likelihood(pieces: list[Rows], terms: tuple[str, ...]) -> float:
     return float(np.max(np.sum([noise.largest for noise in noises], axis=0)))
 
 
-def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...] = ()) -> Question:
+def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...] = (), *,
+             is_late: bool = False) -> Question:
     """Put the question to a log for an answer of these terms; of `optional` those that are more than their deviation
-    belong to it too."""
+    belong to it too.
+
+    is_late   when beta acts is fitted to these rows, and no further shift of it is asked for
+    """
     if rows is None:
         return Question(rows, terms, [], None, [], "theta and beta have no two rows together")  # type: ignore[arg-type]
     typical = rows.stretch
@@ -243,7 +247,7 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
         size, std, _ = pooled(more)
         if abs(size) > std:
             terms, pieces, known[term] = (*terms, term), more, (size, std)
-    lacks, lead = lacks_of(rows, terms, pieces)
+    lacks, lead = lacks_of(rows, terms, pieces, is_late)
     wider = (*terms, *(lack.what for lack in lacks if lack.what in LACKING))
     asked = pieces if wider == terms else beside(pieces, wider)
     clear = any(lack.is_most for lack in lacks)
@@ -270,7 +274,8 @@ def pooled(pieces: list[Piece]) -> tuple[float, float, float]:
     return size, 1.0 / math.sqrt(below), 1.0 - left / whole if whole > 0.0 else 1.0
 
 
-def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[list[Lack], Lead | None]:
+def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece],
+             is_late: bool) -> tuple[list[Lack], Lead | None]:
     """Return what the answer lacks, and the shift of beta beside that: of the terms that explain about as much the
     simplest first, then a shift.
 
@@ -287,7 +292,7 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece]) -> tuple[l
                   and np.var(fast) > SEEN**2 * rows.theta_noise))]
     found = list[Lack]()
     while True:
-        lead = lead_of(pieces, terms, rows)
+        lead = None if is_late else lead_of(pieces, terms, rows)
         if lead is not None and lead.grows:
             before = explained(pieces, terms)
             return [*found, Lack("clock", before, before, lead.grows)], lead

@@ -178,7 +178,7 @@ def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, .
             rows = late.rows
         else:
             break
-        asked = question(rows, terms, optional)
+        asked = question(rows, terms, optional, is_late=late is not None)
     return rows, asked if late is None else replace(asked, lead=late.lead, late=late)
 
 
