@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ..log.log import Log
     from ..results.control_systems import ControlPlant
     from ..sources import LogSource, NominalSource
+    from ..weakform.judge import Late
     from .margins import FlightMargins
 
 
@@ -93,7 +94,7 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
         Also the estimate from all samples so far, and sudden changes; needs a nominal.
     library : str, optional
         Candidate terms: a name, or a comma list such as "theta,beta,sin(theta)"; None: theta and beta, with a constant
-        (and rate damping where there is any) without a nominal.
+        (and rate damping and friction where there is any) without a nominal.
     formulation : str, optional
         measured | difference | integral | filtered; None: the best that log and nominal allow, which without a nominal
         is the weak form under the log's own noise.
@@ -139,7 +140,8 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
     fitted = result.judged.fitted if weak else result.estimates
     return Identification(log, nominal, result.config, result.judged.estimates, fitted, report_of(result, tracked),
-                          library, result.estimator.changes() if config.formulation == "filtered" else (), said, weak)
+                          library, result.estimator.changes() if config.formulation == "filtered" else (), said, weak,
+                          result.judged.late)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +162,7 @@ class Identification(Answer):
     changes: tuple[Change, ...] = ()
     warnings: tuple[str, ...] = ()
     is_weak: bool = False   # the numbers are the weak form's
+    late: Late | None = None   # how beta acts in them later than it is logged
 
     def summary(self) -> str:
         from ..identification.windows import table
@@ -201,7 +204,8 @@ class Identification(Answer):
     def residuals(self, path: str | Path | None = None) -> Figure:
         """A figure of the windows' residuals, whether they are white, and predictions over horizons."""
         from ..results.residuals import residuals
-        left = residuals(self.log, self.fitted, self.nominal if self.config.formulation == "filtered" else None)
+        nominal = self.nominal if self.config.formulation == "filtered" else None
+        left = residuals(self.log, self.fitted, nominal, self.late)
 
         def figure() -> Figure:
             from ..results.figures import residual_figure

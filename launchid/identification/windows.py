@@ -268,7 +268,8 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
             said["unchecked"] = judged.unchecked
         if judged.lacks:
             missing = [lack.what for lack in judged.lacks if lack.what in LIBRARY]
-            library = ",".join((*config.terms, *missing))
+            terms = judged.fitted[0].terms if judged.fitted else config.terms   # those that joined by themselves, too
+            library = ",".join((*terms, *missing))
             said["next"] = "; ".join(lack_words(lack, library) for lack in judged.lacks)
     if tracked:
         for window, estimate in zip(windows, estimates, strict=True):
@@ -301,8 +302,7 @@ def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
         said["next"] = result.log.doubtful
     lead, late = result.judged.lead, result.judged.late
     if late is not None:
-        said["late"] = {"delay": late.lead.json, "lag": None if late.lag is None else late.lag.json,
-                        "order": late.order}
+        said["late"] = late.json
     return said | {"delay": None if lead is None else lead.json}
 
 
@@ -423,10 +423,10 @@ def table(result: dict[str, Any]) -> str:
                      f"1/s^2 (size {with_std(c['size'], c['size_std'])}{share_of(c)})")
     lines += servo_lines(result.get("actuator", {}))
     if "late" in result:
-        delay, lag = result["late"]["delay"], result["late"]["lag"]
-        behind = "" if lag is None else f" and behind a lag of {with_std(1e3 * lag['value'], 1e3 * lag['std'])} ms"
-        shown = with_std(1e3 * delay["value"], 1e3 * delay["std"])
-        lines.append(f"beta acts {shown} ms later than it is logged{behind}: the numbers hold that")
+        parts = {"a delay": result["late"]["delay"], "a lag": result["late"]["lag"]}
+        said = " and ".join(f"{name} of {with_std(1e3 * each['value'], 1e3 * (each['std'] or 0.0))} ms"
+                            for name, each in parts.items() if each and each["value"])
+        lines.append(f"beta acts behind {said}: a6 and k1 are of beta as it acts")
     lines += [result[words] for words in ("why", "unchecked", "next") if words in result]
     samples = result["samples"]
     rejected = ", ".join(f"{name} {n}" for name, n in samples["rejected"].items()) or "none"

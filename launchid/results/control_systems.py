@@ -19,7 +19,8 @@ class ControlPlant(NamedTuple):
     """The airframe as identified in one window, frozen at its centre.
 
     state_space        theta_ddot = a6 theta + d theta_dot + k1 beta: input beta [rad], states and outputs theta [rad],
-                       theta_dot [rad/s]
+                       theta_dot [rad/s]; beta is the input as it acts: a delay or a lag that `identify` found (`late`)
+                       is no part of the plant
     transfer_function  from beta to theta: k1/(s^2 - d s - a6)
     covariance         (2, 2) of a6 and k1 [1/s^4]
     t                  [s] the window's centre
@@ -44,7 +45,8 @@ def control_plant(estimates: Sequence[Estimate], path: str, t: float | None) -> 
     e = valid[-1]
     active = {term: float(e.xi[k, 1]) for k, term in enumerate(e.terms) if e.support[k, 1]}
     if others := sorted(set(active) - LINEAR_PLANT_TERMS):
-        raise UsageError(f"to_control: the term {others[0]} is of no linear plant; expected theta, theta_dot, beta, 1")
+        raise UsageError(f"to_control: the term {others[0]} is of no linear plant; expected theta, theta_dot, beta, 1: "
+                         "identify with library='theta,beta,theta_dot,1'")
     if not math.isfinite(e.a6 + e.k1):
         raise UsageError("to_control: the library has no theta or no beta; expected both")
     damping = active.get("theta_dot", 0.0)

@@ -26,7 +26,7 @@ from sim.nominal import Nominal
 from ..log.check import checked
 from ..log.log import Log
 from ..sums import inner, square
-from ..weakform.judge import INCREMENT
+from ..weakform.judge import INCREMENT, Late
 from ..weakform.rows import SLOPE_SPAN, Rows, column, increments, noise_variance, slope, usable
 from ..weakform.windows import active_terms
 
@@ -102,16 +102,18 @@ class Shaped:
         return np.where(np.abs(at) > MIN_PARAMETER, self.profile / np.where(np.abs(at) > MIN_PARAMETER, at, 1.0), 1.0)
 
 
-def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = None) -> Residuals:
+def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = None,
+              late: Late | None = None) -> Residuals:
     """Residuals of the windows that were fitted, those that the log contradicts (`MODEL`) too: the residual shows it.
 
-    nominal  whose profile the estimates are of (`filtered`), None: of none;  InputError where no window was fitted or
-    the log is too short.  A rate that is not measured is the attitude's slope
+    nominal  whose profile the estimates are of (`filtered`), None: of none;  late  how beta acts in them;  InputError
+    where no window was fitted or the log is too short.  A rate that is not measured is the attitude's slope
     """
     rows = usable(checked(log), is_steadied=False)
     if rows is None or rows.t[-1] - rows.t[0] < 2.0 * INCREMENT:
         raise InputError(f"{log.path}: residuals need theta and beta over more than {2.0 * INCREMENT:g} s, which the "
                          "log lacks")
+    rows = rows if late is None else late.acting(rows)
     valid = [estimate for estimate in estimates if estimate.valid]
     if not valid:
         raise InputError(f"{log.path}: no window has a fit, so there are no residuals; expected a log that identify, "

@@ -152,9 +152,9 @@ class Lead:
         return self.value + self.grows * (0.5 * float(rows.t[0] + rows.t[-1]) - self.middle)
 
     @property
-    def json(self) -> dict[str, float]:
+    def json(self) -> dict[str, float | None]:
         """The delay as the JSON has it."""
-        return {"value": self.value, "std": self.std}
+        return {"value": self.value, "std": self.std if math.isfinite(self.std) else None}
 
     @property
     def is_sure(self) -> bool:
@@ -162,18 +162,32 @@ class Lead:
         return abs(self.value) > SHIFT * self.std
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Late:
-    """How beta acts later than it is logged: a delay, behind a lag [s] if there is one, in one or in two equal parts.
+    """How beta acts later than it is logged: by a delay, and behind a lag in so many equal parts.
 
-    rows     with beta as it acts;  doubts  the same beta (rows,) one standard deviation later, and behind more lag
+    lag   [s] and its standard deviation; (0, 0): none
     """
 
     lead: Lead
-    lag: Lead | None
-    order: int
-    rows: Rows
-    doubts: list[np.ndarray]
+    lag: tuple[float, float] = (0.0, 0.0)
+    order: int = 1
+
+    def acting(self, rows: Rows, lead_by: float = 0.0, lag_by: float = 0.0) -> Rows:
+        """Return rows with beta as it acts, so much [s] later, and behind so much more lag."""
+        late = acting_later(rows, self.lead.value + lead_by, self.lag[0] + lag_by, self.order)
+        return without_beginnings(late, self.lead.value + LAGS_FORGOTTEN * self.lag[0])
+
+    def doubts(self, rows: Rows) -> list[np.ndarray]:
+        """Return the betas of `acting` (rows,) one standard deviation later, and behind as much more lag."""
+        lead_by = self.lead.std if math.isfinite(self.lead.std) else 0.0
+        return [self.acting(rows, *by).beta for by in ((lead_by, 0.0), (0.0, self.lag[1])) if any(by)]
+
+    @property
+    def json(self) -> dict[str, object]:
+        """The delay and the lag as the JSON has them."""
+        lag = {"value": self.lag[0], "std": self.lag[1]} if self.lag[0] else None
+        return {"delay": self.lead.json, "lag": lag, "order": self.order}
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +201,6 @@ class Question:
     lacks: list[Lack]
     unchecked: str = ""
     known: dict[str, tuple[float, float]] = field(default_factory=dict)   # of optional terms: coefficient, deviation
-    late: "Late | None" = None   # how beta acts later in the rows than it is logged
 
     @property
     def is_placebo(self) -> bool:
@@ -424,15 +437,15 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
 
 
 def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) -> Late | None:
-    """Return how a beta acts that acts later than it is logged: by a lead alone, or, where that is more likely, behind
-    one of LAGS, of first order or two of half of it, and by what lead is left.
+    """Return the delay and the lag with which beta acts, by the largest likelihood: a lag where it is more likely than
+    a delay alone, of first order or two of half of it.
 
-    None where that is not sure, where the terms of a `rival` make a beta that acts at once as likely, of a lag beyond
-    LAGS, and of stretches too short to tell. The lag and its deviation are those of the parabola through the best of
-    LAGS and its neighbours.
+    None where neither is sure, where the terms of a `rival` make a beta that acts at once as likely, of two clocks, of
+    a lag beyond LAGS, and of stretches too short to tell. The lag and its deviation are those of the parabola through
+    the best of LAGS and its neighbours.
     """
     begins, tried = LAGS_FORGOTTEN * LAGS[-1], list[tuple[float, Lead]]()
-    if rows.stretch < begins + STRETCH:
+    if rows.stretch < begins + MOST_DELAY + STRETCH:
         return None
     shapes = [(order, lag) for order in (1, 2) for lag in LAGS[order - 1:]]
     for order, each in shapes:
@@ -441,26 +454,25 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
         left = left if left.value > 0.0 else Lead(0.0, left.std)
         tried.append((likelihood([moved(piece.rows, left.value) for piece in pieces], terms), left))
     gains = 2.0 * (np.array([each for each, _ in tried]) - tried[0][0])
-    best, lag = int(np.argmax(gains)), None
-    order, most_lag = shapes[best]
-    if most_lag == LAGS[-1]:
-        return None
-    if best and gains[best] > TERM_SIGMAS**2:
+    best = int(np.argmax(gains))
+    if gains[best] > TERM_SIGMAS**2:
+        order, largest = shapes[best]
+        if largest == LAGS[-1]:
+            return None
         near = [best - 1 if shapes[best - 1][0] == order else 0, best, best + 1]
         bend, slope, _ = np.polyfit([shapes[k][1] for k in near], -0.5 * gains[near], 2).tolist()
-        lag = Lead(-0.5 * slope / bend, 1.0 / math.sqrt(2.0 * bend))
-    most, lead = tried[best if lag else 0]
-    if not (lag or lead.is_sure) or (rival and most < likelihood(
-            [piece.rows for piece in pieces_of(without_beginnings(rows, begins), rival)], rival)):
+        if not bend > 0.0:
+            return None
+        late = Late(tried[best][1], (-0.5 * slope / bend, 1.0 / math.sqrt(2.0 * bend)), order)
+    else:
+        best, late = 0, Late(tried[0][1])
+    if late.lead.grows or not (late.lag[0] or late.lead.is_sure):
         return None
-
-    def acting(lead_by: float, lag_by: float) -> Rows:
-        skip = lead.value + (LAGS_FORGOTTEN * lag.value if lag else 0.0)
-        by = (lag.value if lag else 0.0) + lag_by
-        return without_beginnings(acting_later(rows, lead.value + lead_by, by, order), skip)
-
-    doubts = [acting(lead.std if math.isfinite(lead.std) else 0.0, 0.0).beta]
-    return Late(lead, lag, order, acting(0.0, 0.0), doubts if lag is None else [*doubts, acting(0.0, lag.std).beta])
+    if rival:
+        at_once = pieces_of(without_beginnings(rows, begins), rival)
+        if tried[best][0] < likelihood([piece.rows for piece in at_once], rival):
+            return None
+    return late
 
 
 def clocked(pieces: list[Piece], at: np.ndarray, lead: Lead, rows: Rows) -> Lead:
@@ -516,7 +528,7 @@ def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead 
     own = float(of([piece.modes.phi[:, None] for piece in few])[0])
     if lead is not None:
         own = max(own, float(of([piece.shifted(terms, [lead.at(piece.rows)]) for piece in few])[0]))
-    at = [rows.cut(piece.rows.t[0], piece.rows.t[-1] + 0.5 * rows.period) for piece in few]
+    at = [rows.within(piece.rows) for piece in few]
     most = float(np.max(of([with_betas(piece.rows, piece.modes, terms, [each[part] for each in moved])
                             for piece, part in zip(few, at, strict=True)]), initial=none)) if moved else none
     return own - most < max(0.5 * TERM_SIGMAS**2, BEYOND * (own - none))

@@ -121,6 +121,10 @@ class Rows:
         first, end = np.searchsorted(self.t, (t_start, t_end)).tolist()
         return slice(first, end)
 
+    def within(self, part: "Rows") -> slice:
+        """Return where a part of these rows is."""
+        return self.cut(part.t[0], math.nextafter(part.t[-1], math.inf))
+
     def part(self, at: slice) -> "Rows":
         """Return some of the rows."""
         n = len(self.t[at])

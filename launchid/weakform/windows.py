@@ -36,6 +36,7 @@ WORTH = 0.5          # of the largest term, that one standard deviation of the t
 UNTRUE = 1.5         # times what its deviations say, that the spread of coefficients that stand still may be
 UNLIKE = 1.0         # mean square of neighbours' differences over the variance, 2 of what is white, beyond which
 #                      coefficients do not change but scatter
+FEWEST_ALIKE = 6     # pieces, of which that is asked
 CHANCE_DRIFT = 6.0   # chi square of two, 95 %: what a drift of a6 and k1 moves them by beyond is in the deviations
 HELD_OUT_PARTS = 3   # the last of so many parts of a window is held out for its `fit`
 LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the variance is chance
@@ -141,45 +142,48 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
     if seen.rates["beta"].kind == INTERPOLATED:
         return Judged([refused(e) for e in estimates], [WindowFit() for _ in estimates], [Lack(INTERPOLATED)],
                       fitted=estimates)
-    rows, asked = question_to(seen, config.terms if is_weak else asked_terms(config, estimates),
-                              optional if is_weak else (), is_weak)
+    rows, asked, late, doubts = question_to(seen, config.terms if is_weak else asked_terms(config, estimates),
+                                            optional if is_weak else (), is_weak)
     if rows is None:
         return Judged([refused(e, EstimateStatus.SHORT) if e.valid else e for e in estimates],
                       [WindowFit() for _ in estimates], [], unchecked=asked.unchecked, fitted=estimates)
-    made = _made(rows, estimates, asked, is_weak)
+    made = _made(rows, estimates, asked, doubts, is_weak)
     lacks = {lack.what: lack for _, _, each, _ in made for lack in each}
     untested = sum(e.status == EstimateStatus.UNCHECKED for e, *_ in made)
     reason = asked.unchecked or (f"{untested} windows have too few rows to test {len(asked.terms)} coefficients: "
                                  "longer windows, or fewer gaps, allow it" if untested else "")
-    return Judged([e for e, *_ in made], [fit for _, fit, *_ in made], list(lacks.values()), asked.lead, asked.late,
-                  reason, [fitted for *_, fitted in made])
+    return Judged([e for e, *_ in made], [fit for _, fit, *_ in made], list(lacks.values()), asked.lead, late, reason,
+                  [fitted for *_, fitted in made])
 
 
 @lru_cache(maxsize=1)
 def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, ...],
-                is_weak: bool) -> tuple[Rows | None, Question]:
-    """Return the usable rows of a log, and what it answers: once, whatever windows are asked for.
+                is_weak: bool) -> tuple[Rows | None, Question, Late | None, list[np.ndarray]]:
+    """Return the usable rows of a log, what it answers, how beta acts in them later than it is logged, and what that
+    may be off (`Late.doubts`): once, whatever windows are asked for.
 
     is_weak   the numbers are fitted to these rows: a beta that acts later than it is logged does so in them, a friction
               joins terms that nobody chose (`optional`), and the question is put again
     """
-    rows, late = usable(seen), None
-    asked = question(rows, terms, optional)
+    logged = rows = usable(seen)
+    asked, late, doubts = question(rows, terms, optional), None, list[np.ndarray]()
     for _ in range(MOST_NUISANCES if is_weak else 0):
         found = {lack.what: lack for lack in asked.lacks}
-        if optional and FRICTION in found and (found[FRICTION].size or 0.0) < 0.0 and not asked.is_placebo:
+        if asked.is_placebo or "clock" in found or not found or logged is None:
+            break
+        if optional and FRICTION in found and (found[FRICTION].size or 0.0) < 0.0:
             terms = (*terms, FRICTION)
-        elif rows and late is None and found and not asked.is_placebo:
+        elif late is None:
             wider = (*asked.terms, *(what for what in found if what in LACKING))
             is_shifted = "delay" in found and asked.lead is not None and asked.lead.value > 0.0
-            late = late_input(rows, wider) if is_shifted else late_input(rows, asked.terms, wider)
+            late = late_input(logged, wider) if is_shifted else late_input(logged, asked.terms, wider)
             if late is None:
                 break
-            rows = late.rows
+            rows, doubts = late.acting(logged), late.doubts(logged)
         else:
             break
         asked = question(rows, terms, optional, is_late=late is not None)
-    return rows, asked if late is None else replace(asked, lead=late.lead, late=late)
+    return rows, asked if late is None else replace(asked, lead=late.lead), late, doubts
 
 
 def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:
@@ -189,7 +193,7 @@ def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:
     return tuple(term for term in config.terms if term in seen or term == "beta")
 
 
-def _made(rows: Rows, estimates: list[Estimate], asked: Question,
+def _made(rows: Rows, estimates: list[Estimate], asked: Question, doubts: list[np.ndarray],
           is_weak: bool) -> list[tuple[Estimate, WindowFit, list[Lack], Estimate]]:
     """Return every window's estimate, its fit, what it lacks, and the estimate before it was refused."""
     windows = list[tuple[Rows, tuple[str, ...], Modes | None]]()
@@ -198,7 +202,7 @@ def _made(rows: Rows, estimates: list[Estimate], asked: Question,
         part = rows.part(rows.cut(e.t_start, e.t_end))
         m = term_modes(part, terms) if len(part.t) > 1 else None
         windows.append((part, terms, m if m and len(m.y) >= PER_COEFFICIENT * (len(terms) + 1) else None))
-    fits = window_fits(rows, windows, asked)
+    fits = window_fits(rows, windows, asked, doubts, is_weak)
     return [((refused(e, EstimateStatus.UNCHECKED) if e.valid else e), WindowFit(), [], e) if m is None or fit is None
             else _of_window(rows, part, m, fit, e, terms, asked, is_weak)
             for e, (part, terms, m), fit in zip(estimates, windows, fits, strict=True)]
@@ -240,9 +244,10 @@ def _of_window(rows: Rows, part: Rows, m: Modes, fit: Fit, e: Estimate, terms: t
 
 
 def window_fits(rows: Rows, windows: list[tuple[Rows, tuple[str, ...], Modes | None]],
-                asked: Question) -> list[Fit | None]:
+                asked: Question, doubts: list[np.ndarray], is_weak: bool) -> list[Fit | None]:
     """Return the fits of windows, None for too few rows: the noise's ratios by their own likelihood and some
-    of the log's, optional terms as the whole log tells them, deviations with what a6 and k1 drift."""
+    of the log's, optional terms as the whole log tells them, deviations with what a6 and k1 drift, what betas of
+    `doubts` change, and in the weak form's numbers what scatters."""
     fits: list[Fit | None] = [None] * len(windows)
     grid = len(SPAN), len(SPAN)
     pooled = POOLED * np.sum([np.zeros(grid), *(piece.noise.restricted for piece in asked.pieces)], axis=0)
@@ -254,24 +259,27 @@ def window_fits(rows: Rows, windows: list[tuple[Rows, tuple[str, ...], Modes | N
         made = gls_of_all(regressions, [noise.restricted + pooled for noise in noises], noises, prior)
         for k, each in zip(at, made, strict=True):
             fits[k] = each
-    for k, ((part, terms, m), fit) in enumerate(zip(windows, fits, strict=True)):
-        if asked.late is not None and m and fit and not fit.is_singular:
-            inside = rows.cut(part.t[0], part.t[-1] + 0.5 * rows.period)
-            others = with_betas(part, m, terms, [beta[inside] for beta in asked.late.doubts])
-            w = 1.0 / np.sqrt(fit.variance)[:, None]
-            by = [least(others[:, j] * w, m.y * w[:, 0]) - least(m.phi * w, m.y * w[:, 0])
-                  for j in range(others.shape[1])]
-            fits[k] = replace(fit, covariance=fit.covariance + sum(np.outer(each, each) for each in by))
-    (rate, scatter), drifting = changes_of(asked), list[tuple[int, Fit, Modes]]()
-    for k, ((_, terms, _), fit) in enumerate(zip(windows, fits, strict=True)):
-        if fit and scatter:
-            fits[k] = replace(fit, covariance=fit.covariance + np.diag([scatter.get(term, 0.0) for term in terms]))
+    rate, scatter = changes_of(asked)
+    drifting = list[tuple[int, Fit, Modes]]()
     for k, ((part, terms, _), fit) in enumerate(zip(windows, fits, strict=True)):
         if fit and not fit.is_singular and len(slopes := slopes_of(terms)) == 2:
             drifting.append((k, fit, term_modes(part, (*terms, *slopes))))
-    bent = gls_of_all([m for *_, m in drifting])
-    for (k, fit, _), each in zip(drifting, bent, strict=True):
-        fits[k] = replace(fit, covariance=fit.covariance + drift(each, fit, windows[k][1], rate))
+    more = dict[int, np.ndarray]()
+    for (k, fit, _), each in zip(drifting, gls_of_all([m for *_, m in drifting]), strict=True):
+        more[k] = drift(each, fit, windows[k][1], rate)
+    for k, ((part, terms, m), fit) in enumerate(zip(windows, fits, strict=True)):
+        if fit is None or fit.is_singular:
+            continue
+        covariance = fit.covariance + more.get(k, 0.0)
+        if is_weak and scatter:
+            covariance = covariance + np.diag([scatter.get(term, 0.0) for term in terms])
+        if doubts and m:
+            others = with_betas(part, m, terms, [beta[rows.within(part)] for beta in doubts])
+            w = 1.0 / np.sqrt(fit.variance)
+            for j in range(others.shape[1]):
+                by = least(others[:, j] * w[:, None], m.y * w) - least(m.phi * w[:, None], m.y * w)
+                covariance = covariance + np.outer(by, by)
+        fits[k] = replace(fit, covariance=covariance)
     return fits
 
 
@@ -332,7 +340,8 @@ def changes_of(asked: Question) -> tuple[dict[str, float], dict[str, float]]:
             beyond = float((spread - free) / (np.sum(w) - np.sum(w**2) / np.sum(w)))
             w = 1.0 / (v + beyond)
             variance = np.average((x - np.average(x, weights=w)) ** 2, weights=w)
-            if np.average(np.diff(x) ** 2, weights=1.0 / (v[1:] + v[:-1] + 2.0 * beyond)) > UNLIKE * variance:
+            apart = np.average(np.diff(x) ** 2, weights=1.0 / (v[1:] + v[:-1] + 2.0 * beyond))
+            if len(x) >= FEWEST_ALIKE and apart > UNLIKE * variance:
                 scatter[term] = beyond
             change[term] = 2.0 * math.pi / span * math.sqrt(beyond)
     return change, scatter

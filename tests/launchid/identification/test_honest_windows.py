@@ -265,7 +265,7 @@ def test_a_command_is_a_beta_behind_the_servo(delay):
     made = identify(log, window=5.0)
     late = made.report["late"]
     assert abs(late["delay"]["value"] + late["lag"]["value"] - 0.0275 - 0.5 * PERIOD - delay) < 0.005
-    assert "later than it is logged and behind a lag of" in made.summary()
+    assert "beta acts behind a delay of" in made.summary() and " and a lag of" in made.summary()
     holds_the_truth(made.report["windows"])
 
 

@@ -17,7 +17,7 @@ from launchid.log.log import log_of
 from launchid.sources import read_log
 from launchid.weakform.fit import SPAN, gls, noise_likelihoods, spectrum, whiteness
 from launchid.weakform.judge import FAST_THETA, Question, question
-from launchid.weakform.rows import Rows, sines, term_modes, usable
+from launchid.weakform.rows import Rows, acting_later, sines, term_modes, usable, without_beginnings
 from sim.flight import parameters
 from sim.nominal import load_nominal
 
@@ -246,3 +246,39 @@ def test_a_trimmed_vehicle_that_changes_is_far_off_in_no_window(name, least, mos
     for e in valid:
         a6, k1 = map(float, parameters(load_nominal(name), np.array(0.5 * (e.t_start + e.t_end)), 1.0, 1.0))
         assert abs(e.a6 - a6) < 4.0 * e.a6_std and abs(e.k1 - k1) < 4.0 * e.k1_std
+
+
+# ---- a beta that acts later
+
+
+@pytest.mark.parametrize(("order", "response"), [
+    (1, lambda x: 1.0 - np.exp(-x)), (2, lambda x: 1.0 - np.exp(-2.0 * x) * (1.0 + 2.0 * x))])
+@pytest.mark.parametrize("is_held", [True, False])
+def test_a_step_behind_a_lag_is_its_step_response(order, response, is_held):
+    """Of both stretches of a log, with a gap between them; the beginnings, which nobody knows, can be left out."""
+    t = np.concatenate([np.arange(100), np.arange(150, 300)]) * H
+    step = np.where(np.arange(len(t)) % 100 < 20, 1.0, 3.0)
+    rows = dataclasses.replace(rows_of({"t": t, "theta": np.sin(t), "beta": step}), is_held=is_held)
+    late = acting_later(rows, 0.0, 0.1, order)
+    since = np.maximum(t[:100] - t[20] + (0.0 if is_held else 0.5 * H), 0.0)
+    exact = is_held and order == 1
+    assert np.allclose(late.beta[:100], 1.0 + 2.0 * response(since / 0.1), atol=0.004 if exact else 0.03)
+    left = without_beginnings(late, 0.3)
+    assert left.t[0] == pytest.approx(0.3) and left.t[left.bounds[1]] == pytest.approx(1.8)
+
+
+def test_two_clocks_are_no_late_beta():
+    """beta's clock is 0.5 % fast: no one delay is right, and windows are refused for it."""
+    flown = flights.fly(60.0)
+    made = launchid.identify(flown | {"beta": np.interp(1.005 * flown["t"], flown["t"], flown["beta"])}, window=5.0)
+    assert "late" not in made.report and not any(each["valid"] for each in made.report["windows"][6:])
+
+
+def test_a_late_beta_on_stamps_that_jitter_is_late():
+    rng = np.random.default_rng(3)
+    flown = flights.fly(30.0)
+    jittered = flown["t"] + H * rng.uniform(-0.2, 0.2, len(flown["t"]))
+    made = launchid.identify({name: np.interp(jittered, flown["t"], x) for name, x in flown.items()
+                              if name in ("t", "theta", "theta_dot")} | {
+        "t": jittered, "beta": np.interp(jittered + 0.04, flown["t"], flown["beta"])}, window=5.0)
+    assert made.report["late"]["delay"]["value"] == pytest.approx(0.04, abs=0.01)
