@@ -340,3 +340,32 @@ def test_processes_that_need_the_same_kernel_at_once_do_each_other_no_harm(toy):
     results = [toy.result(process) for process in [toy.start(at) for _ in range(3)]]
     assert [answers for *answers, _ in results] == [[7.0, 5.0]] * 3
     assert toy.run() == WARM
+
+
+def test_of_a_killed_process_all_is_kept_but_the_kernel_in_work(toy):
+    """And a process that starts meanwhile deletes nothing of it."""
+    many = 20
+    toy.write("b", SOURCES["b"] + "".join(f"""
+@compiled()
+def number_{k}(x):
+    return deep(x) + {k}.0
+""" for k in range(many)))
+    code = RUN + f"""
+from sim import b
+print([getattr(b, f"number_{{k}}")(2.0) for k in range({many})] == [6.0 + k for k in range({many})], len(made))
+"""
+    process = toy.start(code=code)
+    while len(toy.kept()) < 5:
+        time.sleep(0.01)
+    meanwhile = toy.start()
+    while len(toy.kept()) < 7:
+        time.sleep(0.01)
+    process.kill()
+    assert toy.result(meanwhile)[:2] == (7.0, 5.0)
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    kept = {path.name for path in toy.kept()}
+    assert 5 <= len(kept) < 3 + many
+    out, err = toy.start(code=code).communicate()
+    assert (out.splitlines()[1].split(), err) == (["True", str(3 + many - len(kept))], "")
+    assert kept < {path.name for path in toy.kept()}

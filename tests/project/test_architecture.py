@@ -131,7 +131,24 @@ def test_core_imports_numpy_numba_the_standard_library_and_itself():
             and (name_of(path) not in NOT_FLOWN or top(module) == "time")))
 
 
+ROOMS = ("algebra", "gate", "regression", "filter", "watch", "order")  # each imports those before it only
+BELOW = {"kernels", "status", "model"}  # files of the root that rooms import
 PUBLIC_NUMBA = {"numba", "numba.core.event"}  # the second is numba's documented way to be told of a compilation
+
+
+def test_rooms_of_the_core_import_those_before_them_only():
+    def fault(path: Path, module: str) -> bool:
+        parts, own = module.split("."), path.relative_to(ROOT).parts
+        if parts[0] != "launchid_core" or len(own) < 3 or len(parts) < 2:
+            return False
+        if parts[1] in ROOMS:
+            return ROOMS.index(parts[1]) > ROOMS.index(own[1])
+        return parts[1] not in BELOW and own[1] != "order"
+
+    packages = {"launchid_core", *(f"launchid_core.{room}" for room in ROOMS)}
+    named = ((path, line, f"{module}.{name}" if module in packages else module)
+             for path in CORE for module, names, line in imports(path) for name in names or ("",))
+    nowhere(place(path, line, module) for path, line, module in named if fault(path, module))
 
 
 def test_core_takes_public_names_of_numba_only():
@@ -184,6 +201,11 @@ def test_core_calls_no_kernel_of_its_own_in_a_circle():
         graph = {name: callees for name, callees in graph.items() if name not in leaves}
 
 
+def test_public_names_exist():
+    for name in launchid_core.__all__:
+        assert getattr(launchid_core, name) is not None
+
+
 # ---- the simulator and the ground tool
 
 
@@ -206,6 +228,12 @@ def test_imports_go_one_way_and_extras_are_known(files, house):
 
 
 # ---- both
+
+
+def test_nothing_prints_but_the_terminal():
+    nowhere(place(path, line, name) for path in CORE + SIM + GROUND if name_of(path) != "launchid/cli/terminal.py"
+            for name, line in calls_of(path)
+            if name in {"print", "input"} or name.endswith(("stdout.write", "stderr.write")))
 
 
 def test_no_code_is_made_from_data():

@@ -136,6 +136,37 @@ def test_commands_and_their_options_exist(page):
     assert wrong == []
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_benchmarks_have_the_options_they_are_quoted_with(page):
+    missing = []
+    for code in code_of(page):
+        match = re.match(r"(?:\S+=\S+ )?(?:python )?(?:benchmarks/)?(\w+\.py)( .*)?$", code)
+        if match is None or not (ROOT / "benchmarks" / match[1]).is_file():
+            continue
+        known = options_of(ROOT / "benchmarks" / match[1])
+        missing += [code for option in re.findall(r"--[a-z][\w-]*", match[2] or "") if option not in known]
+    assert missing == []
+
+
+def options_of(path: Path) -> set[str]:
+    """The options of a benchmark: those that it names, and the arguments of `flights.arguments`."""
+    calls = [node for node in ast.walk(ast.parse(text_of(path))) if isinstance(node, ast.Call)]
+    named = {word.value for call in calls for word in call.args
+             if isinstance(word, ast.Constant) and str(word.value).startswith("--")}
+    shared = [call for call in calls if isinstance(call.func, ast.Name | ast.Attribute)
+              and "arguments" in (getattr(call.func, "id", ""), getattr(call.func, "attr", ""))]
+    words = {word.arg for call in shared for word in call.keywords} | ({"nominal"} if shared else set())
+    return named | {f"--{word.replace('_', '-')}" for word in words}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_selections_of_tests_select_something(page):
+    for code in code_of(page):
+        for file, word in re.findall(r"(tests/[\w/]+\.py)(?: -k (\w+))?", code):
+            assert any(word in function for function in functions_of(ROOT / file)), code
+            assert "-m campaign" not in code or "mark.campaign" in text_of(ROOT / file), code
+
+
 # ---- numbers and names of the code
 
 

@@ -68,3 +68,13 @@ def test_words_that_are_damaged_together_are_found_or_forgotten(name, tmp_path):
     """A plain exclusive or of words sees neither the same bit in two of them nor two that are exchanged."""
     found = fates(tmp_path, FLIPPED[name], 500, ("-O0", *SANE), seed=3, kinds=("pair", "near", "swap", "zero"))
     assert found["anew"] > 50 and found["forgotten"] > 50
+
+
+@needs_compiler
+@pytest.mark.campaign
+@pytest.mark.parametrize(("kind", "times"), [("pair", 20_000), ("near", 5_000), ("swap", 5_000), ("zero", 5_000)])
+@pytest.mark.parametrize("name", FLIPPED)
+def test_many_words_that_are_damaged_together(name, kind, times, tmp_path):
+    found = fates(tmp_path, FLIPPED[name], times, CHECKED, seed=11, kinds=(kind,))
+    print(name, kind, found)
+    assert found["anew"] > times // 10 and found["forgotten"] > times // 50

@@ -56,6 +56,11 @@ def test_a_terminal_shows_one_line_that_is_taken_off_at_the_end(clock, monkeypat
     assert "[##########..........] windows: 2 of 4, 2 s left" in shown
 
 
+def test_quiet_says_nothing(clock, monkeypatch):
+    for is_terminal in (False, True):
+        assert run_of(clock, monkeypatch, is_terminal, 35, is_quiet=True) == ""
+
+
 # ---- pages
 
 

@@ -209,6 +209,16 @@ def test_torn_last_line_is_dropped(tmp_path, reference, torn):
     assert path.read_bytes() == reference
 
 
+def test_another_definition_is_refused(tmp_path):
+    folder, path = tmp_path / "marks", tmp_path / "t.csv"
+    folder.mkdir()
+    interrupted(points(50), folder, path, 10)
+    same = {"jobs": points(50), "work": functools.partial(slow, folder), "path": path}
+    for other in ({"jobs": points(50, "another")}, {"work": draw}, {"definition": "sigma 0.3"}):
+        with pytest.raises(InputError, match="another campaign"):
+            run_campaign(**(same | other))
+
+
 def test_finished_table_is_not_overwritten(tmp_path, reference):
     with pytest.raises(InputError, match="finished"):
         run_campaign(points(50), draw, tmp_path / "reference.csv")
@@ -231,6 +241,28 @@ def test_a_job_that_always_kills_is_found_and_fails_alone(tmp_path):
 
 
 # ---- an engine beyond one machine
+
+
+@pytest.mark.campaign
+def test_dask_worker_killed_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path, reference):
+    """Of a real local cluster of three worker processes."""
+    distributed = pytest.importorskip("distributed", reason="distributed (extra `cluster`) is not installed")
+    folder = tmp_path / "marks"
+    folder.mkdir()
+    killed: list[int] = []
+
+    def progress(_: int) -> None:
+        if not killed and len(list(folder.iterdir())) >= 10:
+            os.kill(pids[0], signal.SIGKILL)
+            killed.append(pids[0])
+
+    with distributed.LocalCluster(n_workers=3, threads_per_worker=1, processes=True, dashboard_address=None) as made, \
+            distributed.Client(made) as client:
+        pids = list(client.run(os.getpid).values())
+        table = run_campaign(points(50), functools.partial(slow, folder), tmp_path / "t.csv", client.get_executor(),
+                             workers=3, chunk=2, progress=progress)
+    assert killed and len(pids) == 3
+    assert table.path.read_bytes() == reference
 
 
 ROOT = Path(__file__).resolve().parents[3]

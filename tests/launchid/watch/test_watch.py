@@ -350,7 +350,7 @@ def test_tcp_senders_one_after_another(folder, nominal, identified):
 
 
 @pytest.mark.parametrize(("words", "status"), [
-    (["missing.csv"], 3), (["."], 3), (["udp:x"], 2), (["udp:0", "--http", "70000"], 2),
+    (["missing.csv"], 3), (["."], 3), (["udp:x"], 2), (["tcp:65536"], 2), (["udp:0", "--http", "70000"], 2),
     (["udp:0", "--window", "nonsense"], 2), (["udp:0", "--window", "-1"], 2), (["udp:0", "--period", "0"], 2),
     (["udp:0", "--once", "--json", "no/such/folder.json"], 3)])
 def test_wrong_words_are_one_line(words, status, folder, capsys, monkeypatch):
