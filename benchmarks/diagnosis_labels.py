@@ -69,19 +69,19 @@ class Case:
 TAKEN = {each.name for each in fields(Case)} - {"source", "options", "group"}
 
 
-def read_set(path: Path = SET) -> tuple[list[Case], dict[str, Any]]:
+def read_set() -> tuple[list[Case], dict[str, Any]]:
     """The cases in the order of the file, and the nominals that it brings: {name: TOML table}.
 
     ValueError naming the case where something of it is unknown, missing or there twice.
     """
-    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    table = tomllib.loads(SET.read_text(encoding="utf-8"))
     cases: list[Case] = []
     for group, of_group in table["groups"].items():
         cases += [_case(group, each, of_group, table.get("named", {})) for each in of_group["cases"]]
     names = [each.name for each in cases]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
-        raise ValueError(f"{path.name}: {', '.join(sorted(twice))}: expected a name of its own for each case")
+        raise ValueError(f"{SET.name}: {', '.join(sorted(twice))}: expected a name of its own for each case")
     return cases, table["nominals"]
 
 

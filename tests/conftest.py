@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from launchid.cli.main import main
 from launchid.cli.terminal import Progress
 from launchid.log.log import MEASURED_LOGS
 from launchid_core.cache import kept_apart
@@ -70,6 +71,16 @@ def pytest_collection_finish() -> None:
                     kernel.enable_caching()
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture
+def launchid(capsys):
+    """Run the command; (exit status, stdout, stderr)."""
+    def run(*argv: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        status = main([str(word) for word in argv])
+        return status, *capsys.readouterr()
+    return run
 
 
 @pytest.fixture

@@ -3,12 +3,15 @@
 Seals that fit a state which a test has changed by hand: else the estimator would begin anew.
 """
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
+from unjitted import unjitted
 
-from launchid_core import Config, Estimator
+from launchid_core import Config, Estimator, Sample
 from launchid_core.algebra.compress import first_state
+from launchid_core.filter.filtered import filter_sample
 from launchid_core.gate import guard
 from launchid_core.gate import ring as rb
 from launchid_core.order import onboard
@@ -18,7 +21,7 @@ from launchid_core.regression import regression
 
 
 class Cut(NamedTuple):
-    """fixed, state, work: named tuples of views, as much as is in use; apart, memory: as `assembly.Memory`."""
+    """fixed, state, work: named tuples of views, as much as is in use; apart, memory: as `order.memory.Memory`."""
 
     fixed: Any
     state: Any
@@ -35,6 +38,20 @@ def cut_of(config: Config) -> Cut:
     else:
         regression.restart_regression(memory.seen, memory.words, first_state(config.seed))
     return Cut(memory.parts.fixed, memory.parts.state, memory.parts.work, memory.apart, memory)
+
+
+def fed(estimator: Estimator, samples: Iterable[Sample]) -> Estimator:
+    """The estimator after these samples."""
+    for sample in samples:
+        estimator.update(sample)
+    return estimator
+
+
+def take(cut: Cut, row: np.ndarray) -> None:
+    """One sample into the filter."""
+    state, apart = cut.state, cut.apart
+    unjitted(filter_sample)(cut.fixed.belief, apart["profile"], apart["air"], state.filter, cut.work.filter, state.acc,
+                            apart["rows"], state.check, row, 0.015)
 
 
 def scratch(struct: Struct, terms: int) -> Any:

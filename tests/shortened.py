@@ -3,9 +3,15 @@
 import dataclasses
 from typing import Any
 
-from sim.nominal import Nominal, load_nominal
+from sim.nominal import Nominal, Offsets, Wind, load_nominal
 
 AT_ONCE = {"t": (0.0, 0.5, 2.0), "theta_ref": (0.0, 0.0, -0.08)}  # guidance: the manoeuvre within the first seconds
+
+CALM = load_nominal("constant")
+WINDY = dataclasses.replace(
+    CALM, wind=Wind(walk=0.005, turbulence=0.005),
+    offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005, gyro_bias=1e-3, nozzle_sensor_bias=1e-3,
+                    moment=1e-3))
 
 
 def short(duration: float = 4.0, of: str | Nominal = "constant", **sections: Any) -> Nominal:

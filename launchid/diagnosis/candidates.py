@@ -28,9 +28,6 @@ GUSTS = (1.5, 2.5, 4.0, 6.0)                 # s, durations tried
 ONSET_TIMES = 60       # times tried along a log
 PLAYS, RATES = (3e-4, 8e-4, 2e-3, 5e-3, 1.5e-2), (0.02, 0.04, 0.07, 0.12, 0.2, 0.35)  # rad; of the fastest command
 
-# numbers of one constant moment: only one of them is fitted at a time
-CONSTANT_MOMENTS = ("misalignment", "wind", "moment")
-
 
 # ---- the usual numbers
 
@@ -167,7 +164,7 @@ class Kind:
     cause       in the contract's words, "" for what is in no list
     parameters  names of its numbers, `linear` of them amplitudes
     make        (model, nonlinear values) -> its `Column`s, of unit amplitudes
-    when        what a log must be to have it, of the model's;  starts  the nonlinear values that a scan tries
+    when        names of Model's flags that must all be true;  starts  the nonlinear values that a scan tries
     prior       one sigma of the amplitudes;  bounds  (step, low, high) of each nonlinear number
     effective   it scales the input's effect;  once  it happens once
     """

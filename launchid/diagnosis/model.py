@@ -179,7 +179,7 @@ class Model:
         spread[:3] *= [self.has["theta"], self.has["theta_dot"], self.has["beta"]]
         return np.log(levels), spread, cap
 
-    def in_weather(self, name: str, levels: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None) -> None:
+    def in_weather(self, name: str) -> None:
         """Let the air be turbulent, or its wind wander, at a level that is fitted; "": as the nominal says."""
         self.levels0, self.spread, self.cap = self._levels()
         self.weather = name

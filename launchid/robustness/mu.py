@@ -102,13 +102,12 @@ class Found(NamedTuple):
 
 
 def mu(nominal: Nominal, t: float, centre: tuple[float, float] = (0.0, 0.0),
-       radius: tuple[float, float] = (1.0, 1.0), kp: float | None = None, kd: float | None = None) -> Mu:
+       radius: tuple[float, float] = (1.0, 1.0)) -> Mu:
     """Bounds of mu at time t [s] over the box centre +- radius of (delta_a6, delta_k1).
 
-    kp, kd [s]   instead of the nominal's gains
     Raises ValueError: radius not above 0, centre not finite; InputError as `lft_at`.
     """
-    box = Box(lft_at(nominal, t, kp, kd), np.array(centre, dtype=float), np.array(radius, dtype=float))
+    box = Box(lft_at(nominal, t), np.array(centre, dtype=float), np.array(radius, dtype=float))
     if not (np.all(np.isfinite(box.centre)) and np.all(np.isfinite(box.radius)) and np.all(box.radius > 0.0)):
         raise ValueError(f"centre = {centre}, radius = {radius}: expected finite numbers, radius above 0")
     if not spectral_radius(sample(box.lft, box.centre)) < 1.0:

@@ -5,8 +5,10 @@ import zlib
 
 import numpy as np
 import pytest
+from cut import fed
 from hypothesis import given
 from hypothesis import strategies as hs
+from shortened import CALM, WINDY
 
 from launchid.identification.windows import onboard_model
 from launchid.robustness.level import ranged_model
@@ -14,17 +16,11 @@ from launchid_core import Config, Estimator, Sample, Status, checkpoint
 from sim.effects import from_text
 from sim.flight import fly
 from sim.nominal import load_nominal
-from sim.sections import Offsets, Wind
 
 PERIOD = 0.01
 WINDOW = 0.25           # s: 25 samples, no multiple of the filter's blocks of ten
 THREE_WINDOWS = 75      # samples
 BEFORE = 630            # samples: control is lost at 6 s, found within the three windows or before, sized after them
-CALM = load_nominal("constant")
-WINDY = dataclasses.replace(
-    CALM, wind=Wind(walk=0.005, turbulence=0.005),
-    offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005, gyro_bias=1e-3, nozzle_sensor_bias=1e-3,
-                    moment=1e-3))
 FORMER_LAYOUT = bytes.fromhex("96bd1afd7e577a24ae06e6d04e9b42c9")  # of "integral", as long, before memory was one table
 LOST = from_text("control_loss:fraction=0.4,time=6")
 
@@ -53,12 +49,6 @@ def samples() -> dict[str, list[Sample]]:
 
     return {name: flown(load_nominal("vega_like") if name == "range" else WINDY if name == "wind" else CALM,
                         "ideal" if name == "measured" else "flight") for name in CONFIGS}
-
-
-def fed(estimator: Estimator, samples: list[Sample]) -> Estimator:
-    for sample in samples:
-        estimator.update(sample)
-    return estimator
 
 
 def words(estimator: Estimator) -> str:
@@ -143,19 +133,12 @@ def test_bytes_of_something_else_are_refused(saved):
 @pytest.mark.parametrize(("changed", "named"), [
     ({"window": 0.5}, "window"), ({"seed": 8}, "seed"), ({"library": "quadratic"}, "library"),
     ({"solver": "sr3"}, "solver"), ({"threshold": 0.25}, "threshold"), ({"theta_limit": 99.0}, "theta_limit"),
-    ({"formulation": "difference"}, "formulation")])
+    ({"formulation": "difference"}, "formulation"), ({"model": dataclasses.replace(
+        CONFIGS["calm"].model, theta_std=np.nextafter(CONFIGS["calm"].model.theta_std, 1.0))}, r"model\.theta_std")])
 def test_another_configuration_is_refused_with_the_field_that_differs(changed, named):
-    state = Estimator(CONFIGS["integral"]).save()
+    of = CONFIGS["calm" if "model" in changed else "integral"]
     with pytest.raises(ValueError, match=f"configuration with another {named}$"):
-        Estimator(dataclasses.replace(CONFIGS["integral"], **changed)).restore(state)
-
-
-def test_another_model_is_refused_with_its_field():
-    model = CONFIGS["calm"].model
-    state = Estimator(CONFIGS["calm"]).save()
-    wider = dataclasses.replace(model, theta_std=np.nextafter(model.theta_std, 1.0))
-    with pytest.raises(ValueError, match=r"another model\.theta_std$"):
-        Estimator(dataclasses.replace(CONFIGS["calm"], model=wider)).restore(state)
+        Estimator(dataclasses.replace(of, **changed)).restore(Estimator(of).save())
 
 
 def test_the_same_library_by_another_name_is_the_same_configuration():

@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterable
 import numba
 import numpy as np
 import pytest
-from cut import flip, persisting, reseal
+from cut import fed, flip, persisting, reseal
+from test_estimator import trajectory
 from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
@@ -202,10 +203,7 @@ def test_a_gap_is_one_new_segment_and_the_next_whole_window_is_good(formulation,
 
 def exact(t: np.ndarray) -> list[Sample]:
     """theta_ddot = A6 theta + K1 beta along a sum of sines, at any stamps."""
-    tones = ((0.05, 2.0, 0.3), (0.03, 4.5, 1.1), (0.02, 7.0, 2.0))
-    theta = sum(a * np.sin(w * t + p) for a, w, p in tones)
-    rate = sum(a * w * np.cos(w * t + p) for a, w, p in tones)
-    ddot = sum(-a * w * w * np.sin(w * t + p) for a, w, p in tones)
+    theta, rate, ddot = trajectory(t)
     return [Sample(*row) for row in np.column_stack([t, theta, rate, (ddot - A6 * theta) / K1]).tolist()]
 
 
@@ -550,11 +548,5 @@ def test_what_is_not_sound_is_forgotten_and_said(part):
     reseal(one)
     answers = [one.update(row) for row in flight()[1500:1600]]
     assert answers.count(Status.RECOVERED) == 1 and answers.index(Status.RECOVERED) < 10
-    one = fly_on(one, flight()[1600:7000])
+    one = fed(one, flight()[1600:7000])
     assert one.estimate().tracked.valid and abs(one.estimate().tracked.a6 - A6) < 6 * one.estimate().tracked.a6_std
-
-
-def fly_on(estimator: Estimator, samples: Iterable[Sample]) -> Estimator:
-    for sample in samples:
-        estimator.update(sample)
-    return estimator

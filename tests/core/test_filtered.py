@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from cut import cut_of
+from cut import cut_of, take
 from hypothesis import given
 from hypothesis import strategies as hs
 from unjitted import unjitted
@@ -28,20 +28,12 @@ linalg = pytest.importorskip("scipy.linalg")
 PERIOD = 0.01
 
 
-absorb_rows, fill_transition, set_step, filter_sample = map(unjitted, (
-    linsolve.absorb_rows, km.fill_transition, sv.set_step, fl.filter_sample))
+absorb_rows, fill_transition, set_step = map(unjitted, (linsolve.absorb_rows, km.fill_transition, sv.set_step))
 
 
 def parts(noise: str = "estimated"):
     """Memory of the constant nominal's filter."""
     return cut_of(filtered(load_nominal("constant"), noise=noise))
-
-
-def take(cut, row) -> None:
-    """One sample into the filter."""
-    state, apart = cut.state, cut.apart
-    filter_sample(cut.fixed.belief, apart["profile"], apart["air"], state.filter, cut.work.filter, state.acc,
-                apart["rows"], state.check, row, 0.015)
 
 
 def stepped():
@@ -92,43 +84,6 @@ def test_absorbed_rows_keep_the_sum_of_squares(seed, k, n):
     absorb_rows(after, np.ascontiguousarray(rows.T), n, k)
     assert np.allclose(after, np.triu(after))
     assert np.allclose(after.T @ after, expected, rtol=1e-12, atol=1e-12)
-
-
-def plain_likelihood(rows: np.ndarray, levels: np.ndarray) -> float:
-    """Log-likelihood of a Kalman filter written with numpy and scipy, started as `start_segment` starts."""
-    variance = stepped()[0].variance * np.exp(2.0 * levels)
-    f = linalg.expm(system(2.0, -7.0, 50.0, 0.7) * PERIOD)
-    x = np.array([rows[0, 1], rows[0, 2], rows[0, 3], 0.0])
-    p = np.diag([*variance[:3], 0.25])
-    total = 0.0
-    for k, row in enumerate(rows):
-        if k > 0:
-            x = f[:4, :4] @ x + f[:4, 4] * rows[k - 1, 5]
-            w = np.array([0.5 * PERIOD**2, PERIOD, 0.0, 0.0])
-            p = f[:4, :4] @ p @ f[:4, :4].T + np.outer(f[:4, 4], f[:4, 4]) * variance[3] + np.outer(w, w) * variance[4]
-        for channel in range(3):
-            s = p[channel, channel] + variance[channel]
-            e = row[1 + channel] - x[channel]
-            gain = p[:, channel] / s
-            total -= 0.5 * (math.log(s) + e * e / s)
-            x = x + gain * e
-            p = p - np.outer(gain, p[channel])
-    return total
-
-
-def test_score_of_the_noise_levels_is_the_slope_of_a_plain_filters_likelihood():
-    rows = rows_of(0, 40)
-    levels = np.array([0.1, -0.2, 0.15, 0.05, -0.3])
-    cut = parts()
-    acc = cut.state.acc
-    cut.state.filter.level[...] = levels
-    for row in rows:
-        take(cut, row)
-        acc.counts[fl.BLOCK_ROWS] = 0
-    step = 1e-4
-    slopes = [(plain_likelihood(rows, levels + step * unit) - plain_likelihood(rows, levels - step * unit)) / (2 * step)
-              for unit in np.eye(5)]
-    assert np.allclose(acc.score, slopes, rtol=2e-4, atol=2e-3)
 
 
 def test_innovations_are_linear_in_the_parameters():

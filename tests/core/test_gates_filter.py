@@ -5,7 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from cut import cut_of, reseal
+from cut import cut_of, fed, reseal
+from cut import take as take_row
 from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
@@ -22,12 +23,10 @@ from launchid_core.watch import report as rp
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 
-begins_anew, delayed_input, start_segment, take_command, filter_sample, update_levels, relax_levels = map(
-    unjitted, (km.begins_anew, km.delayed_input, km.start_segment, km.take_command, fl.filter_sample,
-               fl.update_levels, fl.relax_levels))
+begins_anew, delayed_input, start_segment, take_command, update_levels, relax_levels = map(unjitted, (
+    km.begins_anew, km.delayed_input, km.start_segment, km.take_command, fl.update_levels, fl.relax_levels))
 
 learn_structure = unjitted(sr.learn_structure)
-MAX_GAP = 0.015
 CHANNELS = ("theta", "theta_dot", "beta")
 
 
@@ -51,9 +50,7 @@ def parts_at(rate: float):
 def take(cut, t: float, theta=0.0, theta_dot=0.0, beta=0.0, beta_cmd=0.0) -> int:
     """Give the filter one sample; returns how many rows it became."""
     state, before = cut.state, int(cut.state.acc.counts[fl.BLOCK_ROWS])
-    row = np.array([t, theta, theta_dot, beta, math.nan, beta_cmd, math.nan])
-    filter_sample(cut.fixed.belief, cut.apart["profile"], cut.apart["air"], state.filter, cut.work.filter, state.acc,
-                cut.apart["rows"], state.check, row, MAX_GAP)
+    take_row(cut, np.array([t, theta, theta_dot, beta, math.nan, beta_cmd, math.nan]))
     return int(state.acc.counts[fl.BLOCK_ROWS]) - before
 
 
@@ -64,10 +61,7 @@ def samples() -> list[Sample]:
 
 
 def flown(samples, of: Config | None = None) -> Estimator:
-    estimator = Estimator(of or config())
-    for sample in samples:
-        estimator.update(sample)
-    return estimator
+    return fed(Estimator(of or config()), samples)
 
 
 def noted(estimator: Estimator) -> tuple[int, int]:

@@ -140,9 +140,6 @@ def test_constant_term():
     assert parse_term("1") == (0, 0, 0, 0, 0, 0)
     assert term_name((0, 0, 0, 0, 0, 0)) == "1"
     assert row_of(("1",), [7.0] * 4, [7.0] * 4).tolist() == [1.0]
-
-
-def test_polynomial_of_order_zero():
     assert polynomial(0) == ("1",)
 
 
@@ -170,34 +167,18 @@ def test_bad_terms_are_named(name, culprit):
     assert all(library in str(caught.value) for library in LIBRARIES)
 
 
-def test_unknown_library_is_named():
-    with pytest.raises(ValueError, match="quadratik"):
-        library_terms("quadratik")
+@pytest.mark.parametrize(("library", "named"), [
+    ("quadratik", "quadratik"), ("theta*beta, beta*theta", r"'theta\*beta' stands twice"), ((), "0 terms"),
+    (polynomial(5)[:MAX_TERMS + 1], f"{MAX_TERMS + 1} terms")])
+def test_what_is_no_library_is_named(library, named):
+    assert len(library_terms(polynomial(5)[:MAX_TERMS])) == MAX_TERMS
+    with pytest.raises(ValueError, match=named):
+        library_terms(library)
 
 
-def test_repeated_term_is_named_in_any_spelling():
-    with pytest.raises(ValueError, match=r"'theta\*beta' stands twice"):
-        library_terms("theta*beta, beta*theta")
-
-
-def test_empty_library():
-    with pytest.raises(ValueError, match=r"0 terms"):
-        library_terms(())
-
-
-def test_too_many_terms():
-    names = polynomial(5)
-    assert len(library_terms(names[:MAX_TERMS])) == MAX_TERMS
-    with pytest.raises(ValueError, match=f"{MAX_TERMS + 1} terms"):
-        library_terms(names[:MAX_TERMS + 1])
-
-
-def test_sign_of_zero_is_zero():
+def test_sign_of_zero_is_zero_and_no_function_is_one():
     sign = FUNCTIONS.index("sign")
     assert [function_value(sign, x) for x in (-2.0, -0.0, 0.0, 3.0)] == [-1.0, 0.0, 0.0, 1.0]
-
-
-def test_no_function_is_one():
     assert function_value(0, 5.0) == 1.0
 
 

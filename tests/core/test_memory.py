@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from cut import flip
 from numba.core import event
+from shortened import CALM, WINDY
 
 from launchid.identification.windows import onboard_model
 from launchid.robustness.level import ranged_model
@@ -17,13 +18,8 @@ from launchid_core.order.memory import size_of
 from launchid_core.order.table import LARGEST_SIZE, WORK
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
-from sim.sections import Offsets, Wind
+from sim.sections import Wind
 
-CALM = load_nominal("constant")
-WINDY = dataclasses.replace(
-    CALM, wind=Wind(walk=0.005, turbulence=0.005),
-    offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005, gyro_bias=1e-3, nozzle_sensor_bias=1e-3,
-                    moment=1e-3))
 UNSURE = dataclasses.replace(CALM, actuator=dataclasses.replace(
     CALM.actuator, natural_frequency_sigma=0.3, damping_ratio_sigma=0.3, delay_sigma=0.02))
 TURBULENT = dataclasses.replace(CALM, wind=Wind(turbulence=0.005))

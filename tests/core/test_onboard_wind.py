@@ -8,7 +8,8 @@ from statistics import NormalDist
 import numba
 import numpy as np
 import pytest
-from cut import cut_of
+from cut import cut_of, take
+from shortened import CALM, WINDY
 from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model, run
@@ -26,32 +27,20 @@ from launchid_core.watch import changes as ch
 from sim.effects import from_text
 from sim.errors import InputError
 from sim.flight import Flight, fly_whole
-from sim.nominal import Drift, Nominal, Offsets, Wind, load_nominal
+from sim.nominal import Drift, Nominal, Offsets, Wind
 
 linalg = pytest.importorskip("scipy.linalg")
 
 PERIOD = 0.01
-CALM = load_nominal("constant")
-WINDY = dataclasses.replace(
-    CALM, wind=Wind(walk=0.005, turbulence=0.005),
-    offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005, gyro_bias=1e-3, nozzle_sensor_bias=1e-3,
-                    moment=1e-3))
 DRIFTING = dataclasses.replace(CALM, drift=Drift(np.zeros(1), np.array([-0.03]), np.array([-0.02])))
 
-set_step, filter_sample, start_segment = map(unjitted, (sv.set_step, fl.filter_sample, km.start_segment))
+set_step, start_segment = map(unjitted, (sv.set_step, km.start_segment))
 solve_window, report_window, limit_terms = map(unjitted, (fl.solve_window, fl.report_window, fl.limit_terms))
 judge_model, likelihood_of_chance = unjitted(wh.judge_model), unjitted(wh.likelihood_of_chance)
 
 
 def config(nominal: Nominal = WINDY, **choices) -> Config:
     return Config(**{"window": 5.0, "formulation": "filtered", "model": onboard_model(nominal), **choices})
-
-
-def take(cut, row) -> None:
-    """One sample into the filter."""
-    state, apart = cut.state, cut.apart
-    filter_sample(cut.fixed.belief, apart["profile"], apart["air"], state.filter, cut.work.filter, state.acc,
-                apart["rows"], state.check, row, 0.015)
 
 
 def with_effects(*texts: str) -> Nominal:
@@ -178,9 +167,8 @@ def windy_rows(seed: int) -> np.ndarray:
                             flight.gamma])
 
 
-def plain_likelihood(rows: np.ndarray, levels: np.ndarray) -> float:
+def plain_likelihood(model: Model, rows: np.ndarray, levels: np.ndarray) -> float:
     """Log-likelihood of the plain filter at these log noise levels."""
-    model = onboard_model(WINDY)
     scaled = {name: getattr(model, name) * math.exp(level) for name, level in zip(model.levels, levels, strict=True)}
     plain, total = Plain(dataclasses.replace(model, **scaled), rows[0]), 0.0
     for k, row in enumerate(rows):
@@ -191,18 +179,22 @@ def plain_likelihood(rows: np.ndarray, levels: np.ndarray) -> float:
     return total
 
 
-def test_score_of_the_levels_in_wind_is_the_slope_of_a_plain_filters_likelihood():
-    rows = windy_rows(0)[500:560]
+@pytest.mark.parametrize("nominal", [WINDY, CALM])
+def test_score_of_the_levels_is_the_slope_of_a_plain_filters_likelihood(nominal):
+    of, rows = config(nominal), windy_rows(0)[500:560]
     levels = np.array([0.1, -0.2, 0.15, 0.05, -0.3, 0.4, 0.0])  # a segment begins with the turbulence as declared
-    cut = cut_of(config())
+    levels = levels[:len(of.model.levels)]
+    if nominal is CALM:
+        rows = np.array([sample._replace(gamma=math.nan) for sample in fly_whole(CALM, 0).samples()][:40])
+    cut = cut_of(of)
     state = cut.state
     state.filter.level[...] = levels
     for row in rows:
         take(cut, row)
         state.acc.counts[fl.BLOCK_ROWS] = 0
     step = 1e-4
-    slopes = [(plain_likelihood(rows, levels + step * unit) - plain_likelihood(rows, levels - step * unit)) / (2 * step)
-              for unit in np.eye(7)]
+    slopes = [(plain_likelihood(of.model, rows, levels + step * unit)
+               - plain_likelihood(of.model, rows, levels - step * unit)) / (2 * step) for unit in np.eye(len(levels))]
     assert np.allclose(state.acc.score, slopes, rtol=2e-4, atol=2e-3)
 
 

@@ -1,5 +1,6 @@
 """Sparse regression on the reduced problem: laws all four solvers share, and what each adds."""
 
+import itertools
 import math
 
 import numpy as np
@@ -155,16 +156,6 @@ def reference_stls(a, y, threshold):
         active = keep
 
 
-@given(tall_problems())
-def test_stls_is_the_plain_algorithm(problem):
-    a, y, threshold = problem
-    wanted, kept, margin = reference_stls(a, y, threshold)
-    assume(margin > 1e-9)
-    _, xi, active, _ = solve(STLS, a, y, threshold)
-    assert np.array_equal(active, kept)
-    assert np.all(np.abs(xi - wanted) * np.linalg.norm(a, axis=0) <= 1e-12 * np.linalg.norm(y))
-
-
 @pytest.mark.filterwarnings("ignore:Sparsity parameter is too big")
 @pytest.mark.parametrize("threshold", [0.05, 0.5, 1.0])
 def test_stls_is_pysindys(threshold):
@@ -196,12 +187,13 @@ def reference_ssr(a, y, threshold):
     return np.zeros(a.shape[1]), active, margin
 
 
-@given(tall_problems())
-def test_ssr_is_the_plain_algorithm(problem):
+@pytest.mark.parametrize(("solver", "reference"), [(STLS, reference_stls), (SSR, reference_ssr)])
+@given(problem=tall_problems())
+def test_stls_and_ssr_are_the_plain_algorithms(solver, reference, problem):
     a, y, threshold = problem
-    wanted, kept, margin = reference_ssr(a, y, threshold)
+    wanted, kept, margin = reference(a, y, threshold)
     assume(margin > 1e-9)
-    _, xi, active, _ = solve(SSR, a, y, threshold)
+    _, xi, active, _ = solve(solver, a, y, threshold)
     assert np.array_equal(active, kept)
     assert np.all(np.abs(xi - wanted) * np.linalg.norm(a, axis=0) <= 1e-12 * np.linalg.norm(y))
 
@@ -248,20 +240,11 @@ def three_columns(rng):
     return rng.standard_normal((20, 3)), rng.standard_normal(20)
 
 
-@pytest.mark.parametrize("solver", ALL, ids=SOLVERS)
-def test_duplicate_column(solver):
-    a, y = three_columns(np.random.default_rng(1))
-    passes, xi, _, _ = solve(solver, np.column_stack((a, a[:, 1])), y, 0.0)
-    assert passes == -1
-    assert np.array_equal(xi, np.zeros(4))
-
-
-@pytest.mark.parametrize("threshold", [0.0, 0.5])
-@pytest.mark.parametrize("solver", [STLS, SR3, SSR], ids=["stls", "sr3", "ssr"])
-@pytest.mark.parametrize("kind", ["sum of two", "zero"])
+@pytest.mark.parametrize(("solver", "threshold"), [*itertools.product((STLS, SR3, SSR), (0.0, 0.5)), (LASSO, 0.0)])
+@pytest.mark.parametrize("kind", ["duplicate", "sum of two", "zero"])
 def test_dependent_columns(kind, solver, threshold):
     a, y = three_columns(np.random.default_rng(2))
-    extra = a[:, 0] + a[:, 2] if kind == "sum of two" else np.zeros(20)
+    extra = {"duplicate": a[:, 1], "sum of two": a[:, 0] + a[:, 2], "zero": np.zeros(20)}[kind]
     passes, xi, _, _ = solve(solver, np.column_stack((a, extra)), y, threshold)
     assert passes == -1
     assert np.array_equal(xi, np.zeros(4))

@@ -19,7 +19,6 @@ RATES = (50.0, 100.0, 200.0)      # Hz, of the log
 NOISE_RANGE = (0.67, 1.5)         # of every noise level over the declared one
 DISPERSION = 0.02                 # one sigma of a6 and k1, the contract's tolerance
 LARGEST_DISPERSION = 2.5          # sigmas; beyond it a deviation is no dispersion any more
-DROPPABLE = ("theta_dot", "beta", "beta_cmd", "theta_ref")
 
 
 def fly(spec: Spec) -> tuple[dict[str, np.ndarray], Label]:

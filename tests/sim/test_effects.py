@@ -264,34 +264,20 @@ def test_rate_limit_is_the_saturated_servo(wind_up):
     assert np.allclose(flight.beta, reference, atol=2e-5) and np.max(np.abs(flight.beta)) > 3e-3
 
 
-def test_lag_before_the_servo():
-    """The reference is plain Python in steps a hundred times as fine: u -> tau w' = u - w -> servo, tau that of the
-    slowing."""
-    scale, w, zeta, fine = 0.5, 50.0, 0.7, 100
-    tau = 2.0 * zeta / w * (1.0 / scale - 1.0)
-    flight = fly_whole(probed(), 0, "ideal", effects=[effect("actuator_bandwidth", scale=scale, lag=1.0)])
-    b, r, late, reference, h = 0.0, 0.0, 0.0, [], 0.001 / fine
-    for u in flight.beta_cmd.tolist():
-        reference.append(b)
-        for _ in range(fine):
-            late += h * (u - late) / tau
-            r += h * (w * w * (late - b) - 2 * zeta * w * r)
-            b += h * r
-    assert np.max(np.abs(flight.beta)) > 3e-3
-    assert np.allclose(flight.beta, reference, atol=1e-5)
-
-
-def test_input_that_washes_out():
-    """The oracle is plain Python in steps a hundred times as fine: u - w -> servo, T w' = u - w; a step is gone after
-    some T."""
-    time, w, zeta, fine = 0.4, 50.0, 0.7, 100
-    flight = fly_whole(probed(), 0, "ideal", effects=[effect("input_washout", time_constant=time)])
+@pytest.mark.parametrize(("of", "time", "washes"), [
+    (effect("actuator_bandwidth", scale=0.5, lag=1.0), 2.0 * 0.7 / 50.0 * (1.0 / 0.5 - 1.0), False),
+    (effect("input_washout", time_constant=0.4), 0.4, True)])
+def test_lag_before_the_servo_and_input_that_washes_out(of, time, washes):
+    """The oracle is plain Python in steps a hundred times as fine: T w' = u - w, T that of the slowing; w, or u - w of
+    which a step is gone after some T, -> servo."""
+    w, zeta, fine = 50.0, 0.7, 100
+    flight = fly_whole(probed(), 0, "ideal", effects=[of])
     b, r, slow, reference, h = 0.0, 0.0, 0.0, [], 0.001 / fine
     for u in flight.beta_cmd.tolist():
         reference.append(b)
         for _ in range(fine):
             slow += h * (u - slow) / time
-            r += h * (w * w * (u - slow - b) - 2 * zeta * w * r)
+            r += h * (w * w * ((u - slow if washes else slow) - b) - 2 * zeta * w * r)
             b += h * r
     assert np.max(np.abs(flight.beta)) > 3e-3
     assert np.allclose(flight.beta, reference, atol=1e-5)

@@ -161,15 +161,11 @@ def test_ideal_sensors_read_the_truth_and_flight_sensors_have_the_nominal_s_nois
         assert abs(np.mean(residual)) < 5 * np.std(residual) / math.sqrt(len(residual))
 
 
-@pytest.mark.parametrize("period", [0.0105, -0.01, 0.0, 1e-4, math.nan, math.inf])
-def test_period_that_is_no_whole_number_of_steps_is_refused(period):
-    with pytest.raises(UsageError, match="period"):
-        fly_whole(short(), period=period)
-
-
-def test_unknown_suite_is_refused():
-    with pytest.raises(UsageError, match="suite"):
-        fly_whole(short(), suite="perfect")
+@pytest.mark.parametrize(("name", "value"), [
+    *(("period", value) for value in (0.0105, -0.01, 0.0, 1e-4, math.nan, math.inf)), ("suite", "perfect")])
+def test_period_that_is_no_whole_number_of_steps_and_unknown_suite_are_refused(name, value):
+    with pytest.raises(UsageError, match=name):
+        fly_whole(short(), **{name: value})
 
 
 # ---- sensors

@@ -110,7 +110,8 @@ def check_controller(record: Record) -> ControllerCheck | None:
 
 def _check_between(record: Record) -> ControllerCheck | None:
     """The check of a log whose rows fall between the controller's ticks, so that its commands are known to noise: they
-    are another law's where the nominal's makes less than half of them from the attitudes.  None: they are not."""
+    are another law's where the nominal's makes less than half of them from the attitudes.  None: the nominal's law
+    may have made them."""
     own, theta = record.nominal.controller, record.z[:, Z_THETA]
     if own is None or record.input != "beta_cmd" or not np.isfinite(theta - record.reference).any():
         return None

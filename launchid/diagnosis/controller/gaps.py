@@ -129,7 +129,7 @@ def filled(record: Record, attitude: np.ndarray, of: OnBoard) -> Record:
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """The rest that an explanation leaves: rest (gaps,) [rad]; gains over the nominal's and their std (2,), filter tau
+    """The rest that an explanation leaves: rest (gaps,) [rad]; gains over the nominal's and their std (3,), filter tau
     [s], how many numbers were free."""
 
     rest: np.ndarray

@@ -38,13 +38,13 @@ class Used(NamedTuple):
         return f"{self.rows} rows are fitted, one in {self.every} from {self.begin:.6g} to {self.end:.6g} s"
 
 
-def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal, most: int = ROWS_FITTED) -> DataCheck:
+def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal) -> DataCheck:
     """The check with so many of the usable rows, for a log of a test stand without servo, stamps t (n,) [s]; for others
     with all."""
     rows = np.flatnonzero(data.usable)
-    if nominal.actuator is not None or nominal.controller is not None or len(rows) <= most:
+    if nominal.actuator is not None or nominal.controller is not None or len(rows) <= ROWS_FITTED:
         return data
-    every = _every(len(rows), float(np.median(np.diff(t[rows]))), nominal, t[rows], most)
+    every = _every(len(rows), float(np.median(np.diff(t[rows]))), nominal, t[rows])
     kept = np.zeros_like(data.usable)
     kept[rows[::every]] = True
     return replace(data, usable=kept)
@@ -56,25 +56,25 @@ def slowest(nominal: Nominal, a6: np.ndarray) -> float:
     return min(LONGEST_PERIOD, MOTION_STEP / math.sqrt(stiffness)) if stiffness > 0.0 else LONGEST_PERIOD
 
 
-def _every(rows: int, period: float, nominal: Nominal, t: np.ndarray, most: int) -> int:
+def _every(rows: int, period: float, nominal: Nominal, t: np.ndarray) -> int:
     longest = slowest(nominal, nominal.vehicle.at(t)[0])
-    return max(1, min(math.ceil(rows / most), math.floor(longest / period + 1e-9)))
+    return max(1, min(math.ceil(rows / ROWS_FITTED), math.floor(longest / period + 1e-9)))
 
 
-def shortened(record: Record, most: int = ROWS_FITTED) -> Record:
-    """Cut the record to the most rows that `used` can thin to `most`; further rows would not be used."""
-    if record.rows <= most:
+def shortened(record: Record) -> Record:
+    """Cut the record to the most rows that `used` can thin to ROWS_FITTED; further rows would not be used."""
+    if record.rows <= ROWS_FITTED:
         return record
-    longest = most * _every(record.rows, record.period, record.nominal, record.t + record.shift, most)
+    longest = ROWS_FITTED * _every(record.rows, record.period, record.nominal, record.t + record.shift)
     return cut(record, longest) if record.rows > longest else record
 
 
-def used(record: Record, t: np.ndarray, most: int = ROWS_FITTED) -> tuple[Record, Used | None]:
-    """(The record with at most so many rows, what they are of the log's usable stamps t (n,) [s]); None where that is
-    all of them."""
-    every = _every(record.rows, record.period, record.nominal, record.t + record.shift, most)
+def used(record: Record, t: np.ndarray) -> tuple[Record, Used | None]:
+    """(The record with at most ROWS_FITTED rows, what they are of the log's usable stamps t (n,) [s]); None where
+    that is all of them."""
+    every = _every(record.rows, record.period, record.nominal, record.t + record.shift)
     made = thinned(record, record.held * max(1, round(every / record.held))) if every > 1 else record
-    made = cut(made, most) if made.rows > most else made
+    made = cut(made, ROWS_FITTED) if made.rows > ROWS_FITTED else made
     times = round(made.period / float(np.median(np.diff(t))))
     if made is record and times <= 1:
         return record, None

@@ -22,16 +22,6 @@ NUMBERS = WINDOW_KEYS - {"valid", "status", "terms"}
 STATUSES = {"OK", "SHORT", "GAP", "RANK", "LOW_INFORMATION", "SATURATED", "NUMERICS"}
 
 
-@pytest.fixture
-def launchid(capsys):
-    """Run the command; (exit status, stdout, stderr)."""
-    def run(*argv: object) -> tuple[int, str, str]:
-        capsys.readouterr()
-        status = main([str(word) for word in argv])
-        return status, *capsys.readouterr()
-    return run
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     """A short nominal and its logs by either suite."""

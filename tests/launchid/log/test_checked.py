@@ -10,7 +10,6 @@ import pytest
 from shortened import short
 
 import launchid
-from launchid.cli.main import main
 from launchid.log.check import COLUMN_FAULTS, faults
 from launchid.log.log import Log, flown_log, log_of, write_columns
 from sim.effects import from_text
@@ -95,31 +94,25 @@ def written(tmp_path: Path, nominals) -> Path:
     return tmp_path
 
 
-def run(capsys, *words: object) -> tuple[int, str, str]:
-    capsys.readouterr()
-    status = main([str(word) for word in words])
-    return status, *capsys.readouterr()
-
-
 COMMANDS = {"identify": ["identify", "LOG", "--nominal", "N", "--window", "5"],
             "uncertainty": ["uncertainty", "LOG", "N", "--window", "5"]}
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_one_line_of_warning_and_exit_3_with_strict(capsys, written, command):
+def test_one_line_of_warning_and_exit_3_with_strict(launchid, written, command):
     def words(log: str, *more: str) -> list[str]:
         places = {"LOG": str(written / f"{log}.csv"), "N": str(written / "n.toml")}
         return [places.get(word, word) for word in COMMANDS[command]] + list(more)
 
-    status, _, err = run(capsys, *words("clean", "--strict"))
+    status, _, err = launchid(*words("clean", "--strict"))
     assert (status, err) == (0, "")
     for log, mention in (("turned", "opposite sign"), ("twice", "repeated stamps")):
-        status, out, err = run(capsys, *words(log))
+        status, out, err = launchid(*words(log))
         assert status == 0 and out != "" and len(err.splitlines()) == 1
         assert "data check" in err and mention in err and f"{log}.csv" in err
-        status, out, err = run(capsys, *words(log, "--strict"))
+        status, out, err = launchid(*words(log, "--strict"))
         assert (status, out) == (3, "") and len(err.splitlines()) == 1 and mention in err
-    status, out, err = run(capsys, *words("late"))
+    status, out, err = launchid(*words("late"))
     assert (status, out) == (3, "") and len(err.splitlines()) == 1 and "column t" in err and "milliseconds" in err
 
 
@@ -131,19 +124,19 @@ def test_rows_that_are_said_to_be_left_out_are(nominals):
     assert np.isnan(made.log.theta_dot[1000:1200]).all() and np.isfinite(made.log.theta_dot[999])
 
 
-def test_diagnose_is_strict_too(capsys, written):
-    status, out, err = run(capsys, "diagnose", written / "turned.csv", written / "n.toml", "--strict")
+def test_diagnose_is_strict_too(launchid, written):
+    status, out, err = launchid("diagnose", written / "turned.csv", written / "n.toml", "--strict")
     assert (status, out) == (3, "") and "opposite sign" in err
 
 
-def test_fit_lft_refuses_a_foreign_column_and_fits_what_lost_a_stamp(capsys, written):
+def test_fit_lft_refuses_a_foreign_column_and_fits_what_lost_a_stamp(launchid, written):
     words = ["fit-lft", "LOG", written / "n.toml", "--out", written / "new.toml"]
     for log, status in (("turned", 3), ("late", 3), ("twice", 0)):
         (written / "new.toml").unlink(missing_ok=True)
-        found, _, err = run(capsys, *[written / f"{log}.csv" if word == "LOG" else word for word in words])
+        found, _, err = launchid(*[written / f"{log}.csv" if word == "LOG" else word for word in words])
         assert found == status and len(err.splitlines()) == 1
         assert (written / "new.toml").exists() == (status == 0)
-    assert run(capsys, "fit-lft", written / "twice.csv", written / "n.toml", "--out", written / "x.toml",
+    assert launchid("fit-lft", written / "twice.csv", written / "n.toml", "--out", written / "x.toml",
                "--strict")[0] == 3
 
 
@@ -169,17 +162,17 @@ def test_a_log_of_two_rows_or_of_nothing_known_is_judged(nominals):
 # ---- a profile that is shorter than the flight
 
 
-def test_a_profile_that_ends_before_the_flight_is_one_line(capsys, tmp_path, nominals):
+def test_a_profile_that_ends_before_the_flight_is_one_line(launchid, tmp_path, nominals):
     nominal = nominals["constant"]
     ends = dataclasses.replace(nominal, vehicle=Profile(np.array([0.0, 20.0]), np.array([2.0, 2.0]),
                                                         np.array([-7.0, -7.0])))
     write_nominal(ends, tmp_path / "n.toml")
-    status, _, err = run(capsys, "simulate", tmp_path / "n.toml", "--out", tmp_path / "log.csv")
+    status, _, err = launchid("simulate", tmp_path / "n.toml", "--out", tmp_path / "log.csv")
     assert status == 0 and len(err.splitlines()) == 2 and "profile ends at 20 s, the flight at 30 s" in err
-    status, _, err = run(capsys, "identify", tmp_path / "log.csv", "--nominal", tmp_path / "n.toml", "--window", "5")
+    status, _, err = launchid("identify", tmp_path / "log.csv", "--nominal", tmp_path / "n.toml", "--window", "5")
     assert status == 0 and len(err.splitlines()) == 1 and "profile ends at 20 s" in err
     write_nominal(nominal, tmp_path / "whole.toml")
-    _, _, err = run(capsys, "simulate", tmp_path / "whole.toml", "--out", tmp_path / "log.csv")
+    _, _, err = launchid("simulate", tmp_path / "whole.toml", "--out", tmp_path / "log.csv")
     assert len(err.splitlines()) == 1
 
 

@@ -361,18 +361,6 @@ TABLES: dict[str, Damage] = {
 }
 
 
-@pytest.mark.parametrize("name", ["whole", "stopped"])
-def test_a_finished_table_is_not_believed(place, capsys, name):
-    """Exit status 3 where it is judged again, and as a part; nothing in the folder changes."""
-    table = place / name / FLIGHTS_FILE
-    for damage in damaged(table, TABLES):
-        before = files(place / name)
-        assert str(table) in refused(capsys, place, *again(place, name)), damage
-        assert str(table) in refused(capsys, place, "--merge", str(place / name), str(place / "next"),
-                                     "--out", str(place / "merged")), damage
-        assert files(place / name) == before and not (place / "merged").exists(), damage
-
-
 def test_a_table_that_stopped_ends_where_the_requirement_was_decided(place, flown, capsys):
     """No row earlier, and not a row later but with all of them, as a merged table has."""
     nominal = load_nominal(place / "n.toml")
@@ -407,16 +395,6 @@ DEFINITIONS: dict[str, Damage] = {
 }
 
 
-def test_a_damaged_definition_is_one_line(place, capsys):
-    path = place / "whole" / CAMPAIGN
-    for damage in damaged(path, DEFINITIONS):
-        before = files(place / "whole")
-        assert str(path) in refused(capsys, place, *again(place, "whole")), damage
-        assert str(path) in refused(capsys, place, "--merge", str(place / "whole"), "--out",
-                                    str(place / "merged")), damage
-        assert files(place / "whole") == before and not (place / "merged").exists(), damage
-
-
 def journal_line(row: object, at: int = 2) -> Damage:
     return lines(lambda rows: [*rows[:at], json.dumps(row).encode() + b"\n", *rows[at:]])
 
@@ -440,12 +418,19 @@ JOURNALS: dict[str, Damage] = {
 }
 
 
-def test_a_damaged_journal_is_one_line(place, capsys):
-    path = place / "begun" / JOURNAL
-    for damage in damaged(path, JOURNALS):
-        before = files(place / "begun")
-        assert str(path) in refused(capsys, place, *again(place, "begun")), damage
-        assert files(place / "begun") == before, damage
+@pytest.mark.parametrize(("name", "file", "damages", "parts"), [
+    ("whole", FLIGHTS_FILE, TABLES, ("whole", "next")), ("stopped", FLIGHTS_FILE, TABLES, ("stopped", "next")),
+    ("whole", CAMPAIGN, DEFINITIONS, ("whole",)), ("begun", JOURNAL, JOURNALS, ())])
+def test_a_damaged_table_definition_or_journal_is_not_believed(place, capsys, name, file, damages, parts):
+    """Exit status 3 where it is judged again, and as a part; nothing in the folder changes."""
+    path = place / name / file
+    for damage in damaged(path, damages):
+        before = files(place / name)
+        assert str(path) in refused(capsys, place, *again(place, name)), damage
+        if parts:
+            assert str(path) in refused(capsys, place, "--merge", *(str(place / part) for part in parts), "--out",
+                                        str(place / "merged")), damage
+        assert files(place / name) == before and not (place / "merged").exists(), damage
 
 
 # ---- one run at a time

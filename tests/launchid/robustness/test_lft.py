@@ -82,21 +82,15 @@ def direct(nominal: Nominal, t: float, delta, omega: np.ndarray) -> np.ndarray:
 # ---- the law: F_u(M, Delta) is the perturbed loop
 
 
-@pytest.mark.parametrize("name, t", [("constant", 0.0), ("vega_like", 50.0), ("greensite_cr826", 76.0)])
-def test_lft_is_the_directly_perturbed_loop_at_a_thousand_deltas(name, t):
-    nominal = load_nominal(name)
+@pytest.mark.parametrize(("name", "t", "delay"), [
+    ("constant", 0.0, None), ("vega_like", 50.0, None), ("greensite_cr826", 76.0, None),
+    *(("constant", 0.0, delay) for delay in DELAYS)])
+def test_lft_is_the_directly_perturbed_loop_at_a_thousand_deltas(name, t, delay):
+    nominal = load_nominal(name) if delay is None else delayed(load_nominal(name), delay)
     deltas = np.random.default_rng(1).uniform(-1.0, 1.0, (1000, 2))
     ours = frequency_response(lft_at(nominal, t), deltas, OMEGA)
     assert ours.shape == (1000, len(OMEGA), 2)
     assert np.max(np.abs(ours / direct(nominal, t, deltas, OMEGA) - 1.0)) < 1e-10
-
-
-@pytest.mark.parametrize("delay", DELAYS)
-def test_lft_is_the_directly_perturbed_loop_with_a_delay(delay):
-    nominal = delayed(load_nominal("constant"), delay)
-    deltas = np.random.default_rng(2).uniform(-1.0, 1.0, (1000, 2))
-    ours = frequency_response(lft_at(nominal, 0.0), deltas, OMEGA)
-    assert np.max(np.abs(ours / direct(nominal, 0.0, deltas, OMEGA) - 1.0)) < 1e-10
 
 
 def test_simulated_loop_follows_the_lft():
@@ -159,16 +153,15 @@ def test_delta_outside_its_range(delta):
         checked(delta)
 
 
-@pytest.mark.parametrize("section", ("uncertainty", "actuator", "controller"))
-def test_section_missing(section):
-    with pytest.raises(InputError, match=rf"\[{section}\] is missing"):
-        lft_at(replace(load_nominal("constant"), **{section: None}), 0.0)
-
-
-@pytest.mark.parametrize("t", (-0.1, 95.1, np.nan, np.inf))
-def test_time_that_the_profile_does_not_cover(t):
-    with pytest.raises(InputError, match="expected a time from 0 to 95 s"):
-        lft_at(load_nominal("vega_like"), t)
+@pytest.mark.parametrize(("name", "sections", "t", "said"), [
+    *(("constant", {section: None}, 0.0, rf"\[{section}\] is missing")
+      for section in ("uncertainty", "actuator", "controller")),
+    *(("vega_like", {}, t, "expected a time from 0 to 95 s") for t in (-0.1, 95.1, np.nan, np.inf)),
+    *(("constant", {"uncertainty": constant_profile(0.25, sigma)}, 0.0, "expected sigma above 0")
+      for sigma in (0.0, -0.25))])
+def test_a_missing_section_a_time_outside_and_a_sigma_of_nothing_are_named(name, sections, t, said):
+    with pytest.raises(InputError, match=said):
+        lft_at(replace(load_nominal(name), **sections), t)
 
 
 def test_sigma_profile_that_does_not_cover_the_time():
@@ -177,12 +170,6 @@ def test_sigma_profile_that_does_not_cover_the_time():
     assert lft_at(nominal, 20.0).sigma == pytest.approx([0.175, 0.175])
     with pytest.raises(InputError, match=r"\[uncertainty\]: t = 50.0 s"):
         lft_at(nominal, 50.0)
-
-
-@pytest.mark.parametrize("sigma", (0.0, -0.25))
-def test_sigma_not_above_zero(sigma):
-    with pytest.raises(InputError, match="expected sigma above 0"):
-        lft_at(replace(load_nominal("constant"), uncertainty=constant_profile(0.25, sigma)), 0.0)
 
 
 FLIGHTS = 30

@@ -163,16 +163,6 @@ def test_a_loss_in_flight_is_dated(constant):
 # ---- the command
 
 
-@pytest.fixture
-def launchid(capsys):
-    """Run the command; (exit status, stdout, stderr)."""
-    def go(*argv: object) -> tuple[int, str, str]:
-        capsys.readouterr()
-        status = main([str(word) for word in argv])
-        return status, *capsys.readouterr()
-    return go
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     """A nominal of 14 s, a log of it, one of a vehicle whose a6 is out, and nominals with faults."""

@@ -68,23 +68,17 @@ def folder(tmp_path_factory) -> Path:
     return path
 
 
-def watched(capsys, *words: object) -> tuple[int, str, str]:
-    capsys.readouterr()
-    status = main(["watch", *map(str, words)])
-    return status, *capsys.readouterr()
-
-
 def logs(lines: Lines, data: bytes, piece: int) -> dict[str, np.ndarray]:
     """The rows of a stream that comes in pieces."""
     found = [log for k in range(0, len(data), piece) for log in lines.logs(data[k:k + piece])]
     return {name: np.concatenate([getattr(log, name) for log in found]) for name in found[0].columns}
 
 
-def test_a_foreign_csv_is_watched_as_its_conversion(folder, capsys):
+def test_a_foreign_csv_is_watched_as_its_conversion(folder, launchid):
     words = ("--nominal", folder / "n.toml", "--window", "1", "--once", "--json", "-")
-    status, mapped_out, err = watched(capsys, folder / "foreign.csv", "--map", folder / "map.toml", *words)
+    status, mapped_out, err = launchid("watch", folder / "foreign.csv", "--map", folder / "map.toml", *words)
     assert status == 0 and len(err.splitlines()) == 1, err
-    status, plain, _ = watched(capsys, folder / "converted.csv", *words)
+    status, plain, _ = launchid("watch", folder / "converted.csv", *words)
     assert status == 0 and json.loads(mapped_out) == json.loads(plain)
     assert len(json.loads(plain)["windows"]) == 6
 
@@ -114,19 +108,19 @@ def test_turns_go_on_from_piece_to_piece(folder):
     assert np.nanmin(theta) < -5.0 * math.pi and np.isnan(theta[:5]).all()
 
 
-def test_a_file_of_another_format_needs_once_and_a_map(folder, capsys):
+def test_a_file_of_another_format_needs_once_and_a_map(folder, launchid):
     scipy_io = pytest.importorskip("scipy.io")
     log = read_log(folder / "log.csv")
     scipy_io.savemat(folder / "log.mat", log.measured())
     (folder / "mat.toml").write_text('[time]\nname = "t"\n' + "".join(
         f'[columns.{name}]\nfrom = "{name}"\n' for name in ("theta", "theta_dot", "beta", "beta_cmd")))
     words = (folder / "log.mat", "--nominal", folder / "n.toml")
-    status, _, err = watched(capsys, *words)
+    status, _, err = launchid("watch", *words)
     assert status == 3 and len(err.splitlines()) == 1 and "format MAT" in err and "--map" in err
-    status, _, err = watched(capsys, *words, "--map", folder / "mat.toml")
+    status, _, err = launchid("watch", *words, "--map", folder / "mat.toml")
     assert status == 2 and len(err.splitlines()) == 1 and "--once" in err
-    status, out, _ = watched(capsys, *words, "--map", folder / "mat.toml", "--once", "--json", "-")
-    _, plain, _ = watched(capsys, folder / "log.csv", "--nominal", folder / "n.toml", "--once", "--json", "-")
+    status, out, _ = launchid("watch", *words, "--map", folder / "mat.toml", "--once", "--json", "-")
+    _, plain, _ = launchid("watch", folder / "log.csv", "--nominal", folder / "n.toml", "--once", "--json", "-")
     assert status == 0 and json.loads(out) == json.loads(plain)
 
 
@@ -138,13 +132,13 @@ def test_rows_that_the_map_cannot_take_are_left_out_and_counted(folder):
     assert found["t"].tolist() == [0.0, 2.0] and math.isnan(found["beta"][1])
 
 
-def test_strict_ends_with_what_the_data_check_finds(folder, capsys):
+def test_strict_ends_with_what_the_data_check_finds(folder, launchid):
     log = read_log(folder / "log.csv").measured()
     write_columns(folder / "turned.csv", {**log, "beta": -log["beta"]})
     words = (folder / "turned.csv", "--nominal", folder / "n.toml", "--once", "--json", "-")
-    status, out, err = watched(capsys, *words)
+    status, out, err = launchid("watch", *words)
     assert status == 0 and json.loads(out)["windows"] and "opposite sign" in err
-    status, out, err = watched(capsys, *words, "--strict")
+    status, out, err = launchid("watch", *words, "--strict")
     assert (status, out) == (3, "") and "opposite sign" in err.splitlines()[-1]
-    status, _, err = watched(capsys, folder / "log.csv", *words[1:], "--strict")
+    status, _, err = launchid("watch", folder / "log.csv", *words[1:], "--strict")
     assert status == 0 and len(err.splitlines()) == 1
