@@ -56,8 +56,7 @@ def main() -> None:
             flights = run_jobs(job, [(gyro, disturbance, seed, args.command) for seed in args.seeds])
             for window, of_window in zip(WINDOWS, zip(*flights, strict=True), strict=True):
                 rows = np.concatenate([each for _, each in of_window])
-                if not len(rows):
-                    print(f"{gyro:6g} {disturbance:11g} {window:6g}   none")
+                if not len(rows):   # none is OK
                     continue
                 off, std = np.abs(rows[:, :2] / rows[:, 2:]), rows[:, 2:]
                 table.row(gyro, disturbance, window, len(rows) / sum(count for count, _ in of_window),

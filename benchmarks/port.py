@@ -62,11 +62,10 @@ def main() -> None:
     """Print the tables."""
     args = arguments(__doc__, repeats=20, targets_only=False, operations=False)
     if args.operations:
-        print_operations()
-        return
+        return print_operations()
     if not args.targets_only:
         print_times(args.repeats)
-    print_targets()
+    return print_targets()
 
 
 def print_operations() -> None:

@@ -4,11 +4,11 @@
 
 FOLDER   NAME.csv of logs that may not be passed on (`diagnosis_set.py --folder`), beside those of the labelled set and
          of the tests; RAW: files of SOURCES, fetched by hand, converted into FOLDER before; nothing is filtered
-Where no window is OK, the library that the answer advises is taken, as its reader does.
-A line a log: the windows that are OK, of the whole log and of 5 s; how far the furthest is from what is known; the R2
-with which a regression on an even grid (zero-phase low pass, the input delayed) predicts the last 40 % of the rows from
-the first 60 %.  Known is what the set says, else what the regression finds at its low passes where its R2 is 0.9 or
-more.  Asked: none more than 4 of its deviations and 5 % off; an OK window in half of the logs of such an R2.
+Where no window is OK, the library that the answer advises is taken, as its reader does. A line a log: the windows that
+are OK, of the whole log and of 5 s; how far the furthest is from what is known; the R2 with which a regression on an
+even grid (zero-phase low pass, the input delayed) predicts the last 40 % of the rows from the first 60 %. Known is
+what the set says, else what the regression finds at its low passes where its R2 is 0.9 or more. Asked: none more than
+4 of its deviations and 5 % off; an OK window in half of the logs of such an R2.
 --placebo: only the logs with their input shifted; k1 must be refused.  --judge: also those on which nothing is chosen.
 """
 

@@ -1,11 +1,9 @@
-"""A run of the commands of docs/results.md and keeps what they print, so that the page's figures can be compared with
-it.
+"""Run the commands of docs/results.md and keep what they print, to compare the page's figures with it.
 
-    python benchmarks/tables.py WORD... [--out tables] [--check]
+    python benchmarks/tables.py WORD... [--out tables]
 
 runs each command of the page that holds a WORD (a benchmark's name, an option), without a WORD says which there are.
-What a command prints is kept as OUT/NAME.txt, below a line with version, date and command.  `--check` lists, section by
-section, the figures of the page's tables that stand in none of the section's kept outputs.
+What a command prints is kept as OUT/NAME.txt, below a line with version, date and command.
 """
 
 import argparse
@@ -19,7 +17,6 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "results.md"
 COMMAND = re.compile(r"(?:[A-Z_]+=\S+ )?python benchmarks/(?!tables)[^`#\n]+")
-FIGURE = re.compile(r"(?<![\w.])\d[\d,]*\.?\d*(?:e-?\d+)?")
 
 
 class Section(NamedTuple):
@@ -50,26 +47,6 @@ def file_name(command: str) -> str:
     return re.sub(r"[^\w.=-]+", "_", command.split("benchmarks/", 1)[1]) + ".txt"
 
 
-def missing(section: Section, printed: str) -> list[str]:
-    """The figures in the cells of a section's tables, but for the first column, that are not among the printed numbers:
-    equal as numbers, or as per cent, to half of their last digit."""
-    known = {value * factor for value in map(number, FIGURE.findall(printed)) for factor in (1.0, 100.0)}
-    rows = [line for line in section.text.splitlines() if line.startswith("|") and not line.startswith("|---")]
-    figures = [figure for row in rows for cell in row.strip("|").split("|")[1:] for figure in FIGURE.findall(cell)]
-    absent = []
-    for figure in figures:
-        digits, _, exponent = figure.replace(",", "").partition("e")
-        half = 0.501 * 10.0**(int(exponent or 0) - len(digits.partition(".")[2]))
-        if not any(abs(number(figure) - value) <= half for value in known):
-            absent.append(figure)
-    return absent
-
-
-def number(figure: str) -> float:
-    """The value of a figure as it is written, commas between thousands."""
-    return float(figure.replace(",", ""))
-
-
 def run(command: str, out: Path) -> bool:
     """Run one command from the project's folder and keep what it prints; whether it ended well."""
     from launchid_core import __version__
@@ -88,26 +65,19 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Run the commands of docs/results.md and keep what they print.")
     parser.add_argument("words", nargs="*", metavar="WORD", help="run the commands with it (default: list them all)")
     parser.add_argument("--out", type=Path, default=Path("tables"), help="keep the output here (default %(default)s)")
-    parser.add_argument("--check", action="store_true", help="list the page's figures that no kept output holds")
     args = parser.parse_args()
     page = sections(PAGE.read_text(encoding="utf-8"))
-    if not args.words and not args.check:
+    if not args.words:
         for section in page:
             print(section.heading, *section.commands, sep="\n    ")
         return 0
     args.out.mkdir(parents=True, exist_ok=True)
     every = dict.fromkeys(command for section in page for command in section.commands)
     chosen = [command for command in every if any(word in command for word in args.words)]
-    if args.words and not chosen:
+    if not chosen:
         print(f"no command of {PAGE.name} holds {' or '.join(args.words)}", file=sys.stderr)
         return 2
-    well = [run(command, args.out) for command in chosen]
-    if args.check:
-        for section in page:
-            kept = [args.out / file_name(command) for command in section.commands]
-            if printed := "".join(path.read_text(encoding="utf-8") for path in kept if path.is_file()):
-                print(f"{section.heading}: {', '.join(missing(section, printed)) or 'every figure was printed'}")
-    return 0 if all(well) else 1
+    return int(not all([run(command, args.out) for command in chosen]))
 
 
 if __name__ == "__main__":
