@@ -86,7 +86,7 @@ def restore(config: Config, memory: Memory, saved: bytes) -> None:
 
 
 def seal_of(memory: Memory) -> np.int64:
-    """Compute the seal of the persistent arrays by numpy, equal to the kernels' (`block.seal_carried`)."""
+    """Compute the seal of the persistent arrays by numpy, equal to the kernels' (`onboard.seal_carried`)."""
     seal = _folded(memory.words)
     if memory.struct is FILTERED:
         inner = np.uint64(0)

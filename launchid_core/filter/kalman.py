@@ -2,13 +2,13 @@
 
 State x = (theta, theta_dot, beta, beta_dot) and r nuisances: the wind's random walk
 and turbulence, thrust misalignment, moment, sensor offsets (`model.WALK` and on);
-theta as measured where its bias is one of them (`disturbances`).
+theta as measured where its bias is one of them (`fill_push`).
 Input is the actuator's command, process noise on the command and on the
 acceleration, held over a sample.  Beside x (n = 4 + r) and its covariance run
 
 * s, the derivative of the predicted state for an offset at the block's start
   (n columns), for each library term of theta_ddot (q columns), for what is not
-  known of the servo (`unknown_servo`) and for what no model has (N_TESTS columns,
+  known of the servo (`servo`) and for what no model has (N_TESTS columns,
   for the check of the model);
 * the derivative of x and of the covariance for the L log noise levels.
 

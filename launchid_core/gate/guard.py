@@ -10,7 +10,7 @@ bit in two words, two neighbours exchanged and words that became zero.  Three of
   rows), looked at before a block or a window uses it and renewed afterwards.
 
 Not guarded: the counters of answers, and the last outcome, which the next window overwrites.  Whatever a seal says,
-no place and no count of rows is used that does not lie within its array (`is_control_whole`, `block.is_within`).
+no place and no count of rows is used that does not lie within its array (`is_control_whole`, `onboard.check_block`).
 
 What is not as it was left is not used: the kernel answers RECOVERED and the caller begins anew.  So does it where what
 is carried is no longer sound: not finite, or absurd (`onboard.is_sound`).

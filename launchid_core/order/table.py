@@ -404,8 +404,8 @@ GATE_APART = (
 SEPARATE_ARRAYS: dict[str, tuple[tuple[str, str, "np.dtype[Any]", tuple[Extent, ...], str], ...]] = {
     "Regression": (
         *GATE_APART,
-        ("rows", WORK, F8, (N_SERIES, "window"), "a window's close, as `plan` names them"),
-        ("marks", WORK, I8, (N_MARKS, "window"), "of its rows, as `plan` names them"),
+        ("rows", WORK, F8, (N_SERIES, "window"), "a window's close, as `regression.rows` names them"),
+        ("marks", WORK, I8, (N_MARKS, "window"), "of its rows, as `regression.rows` names them"),
         ("columns", WORK, F8, (("wider", "kept"),),
          "one after the other: the library's, later its factor; what the equations explain; drifts"),
         ("series", WORK, F8, (("wider", "kept"),), "residual with the drifts and without; influences on each term")),
