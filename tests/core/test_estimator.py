@@ -11,6 +11,7 @@ from collections.abc import Iterable
 import numba
 import numpy as np
 import pytest
+from cut import fed
 from every import every
 from hypothesis import assume, example, given
 from hypothesis import strategies as hs
@@ -282,9 +283,7 @@ def test_same_samples_same_bits_and_reset_is_as_new(formulation):
     samples = [s._replace(theta_ddot=s.theta_ddot + 1e-3 * math.sin(1e4 * s.t)) for s in flight(2.0, -7.0, 256)]
     config = config_of(formulation, 32, compression=2, seed=7, library="linear")
     first, again = feed(config, samples), feed(config, samples)
-    estimator = Estimator(config)
-    for sample in samples[:77]:
-        estimator.update(sample)
+    estimator = fed(Estimator(config), samples[:77])
     estimator.reset()
     assert estimator.estimate() is None
     assert set(estimator.counts.values()) == {0}
@@ -327,8 +326,7 @@ def test_no_estimate_before_the_first_window():
 def test_estimate_is_read_only_and_detached():
     estimator = Estimator(config_of("measured", 64))
     samples = flight(2.0, -7.0, 64)
-    for sample in samples:
-        estimator.update(sample)
+    fed(estimator, samples)
     estimate = estimator.estimate()
     kept = bits(estimate)
     for array in (estimate.xi, estimate.support):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from cut import cut_of, take
+from cut import cut_of, fed, take
 from hypothesis import given
 from hypothesis import strategies as hs
 from unjitted import unjitted
@@ -190,9 +190,7 @@ def test_saturated_rate_gyro_is_left_out():
 def test_copy_is_independent_and_continues_to_the_same_bits():
     nominal = load_nominal("constant")
     samples = list(fly_whole(nominal, 6).samples())[:2000]
-    one = Estimator(filtered(nominal, window=1.0))
-    for sample in samples[:1234]:
-        one.update(sample)
+    one = fed(Estimator(filtered(nominal, window=1.0)), samples[:1234])
     two = copy.deepcopy(one)
     for sample in samples[1234:]:
         assert one.update(sample) == two.update(sample)

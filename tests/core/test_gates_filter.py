@@ -204,8 +204,7 @@ def test_a_block_that_raises_the_alarm_is_neither_noise_nor_structure_nor_the_wi
     newest = (state.watch.counts[ch.NEXT] - 1) % sx.CHANGE_BLOCKS
     state.watch.factor[newest] = 1e3
     reseal(estimator)
-    for sample in samples[305:310]:
-        estimator.update(sample)
+    fed(estimator, samples[305:310])
     assert state.watch.counts[ch.EVENTS] == 1
     assert state.filter.level.tolist() == level.tolist() and learned.tolist() == structure.tolist()
     assert not state.acc.score.any() and not state.acc.information.any()

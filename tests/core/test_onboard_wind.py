@@ -8,7 +8,7 @@ from statistics import NormalDist
 import numba
 import numpy as np
 import pytest
-from cut import cut_of, take
+from cut import cut_of, fed, take
 from shortened import CALM, WINDY
 from unjitted import unjitted
 
@@ -260,9 +260,7 @@ def test_in_calm_air_the_wind_s_levels_fall_and_in_twice_the_declared_they_rise(
                                    offsets=Offsets(thrust_misalignment=0.004, attitude_bias=0.005))
     twice = dataclasses.replace(declared, wind=Wind(walk=0.01, turbulence=0.01))
     for flown, low, high in ((CALM, 0.0, 0.045), (twice, 1.5, 2.7)):
-        estimator = Estimator(config(declared, window=1.0))
-        for sample in fly_whole(flown, 3).samples():
-            estimator.update(sample)
+        estimator = fed(Estimator(config(declared, window=1.0)), fly_whole(flown, 3).samples())
         for name in ("walk", "turbulence"):
             assert low < estimator.noise_levels[name] < high, (name, estimator.noise_levels)
 

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from cut import persisting
+from cut import fed, persisting
 from every import every
 from hypothesis import given, settings
 from hypothesis import strategies as hs
@@ -270,8 +270,7 @@ def test_ring_wraps_and_holds_the_newest_window(windows):
     """The ring has 7 places for windows of 6: every phase of the wrap comes by."""
     estimator = Estimator(small_config())
     samples = [Sample(k * PERIOD * TICK, **values(k)) for k in range(6 * windows)]
-    for sample in samples:
-        estimator.update(sample)
+    fed(estimator, samples)
     assert np.array_equal(closed_rows(estimator), np.array(samples[-6:]))
 
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from cut import carried, cut_of, reseal
+from cut import carried, cut_of, fed, reseal
 from unjitted import unjitted
 
 from launchid.identification.windows import next_step, onboard_model, report, run
@@ -261,9 +261,8 @@ def test_the_kernels_seal_is_that_of_every_array_that_is_carried(air, library):
     nominal = load_nominal("constant")
     if air == "wind":
         nominal = dataclasses.replace(nominal, wind=Wind(walk=0.005, turbulence=0.005), offsets=Offsets(gyro_bias=1e-3))
-    estimator = Estimator(Config(formulation="filtered", library=library, model=ranged_model(nominal)))
-    for sample in list(fly_whole(nominal, SEED).samples())[:1500]:
-        estimator.update(sample)
+    estimator = fed(Estimator(Config(formulation="filtered", library=library, model=ranged_model(nominal))),
+                    list(fly_whole(nominal, SEED).samples())[:1500])
     state, memory = estimator._parts.state, estimator._memory
     gate = state._replace(clock=None, counts=None, guard=None, outcome=None)
     assert all(np.shares_memory(array, memory.words) for _, array in named_arrays(gate) if array.size)
@@ -274,11 +273,9 @@ def test_rounding_that_breaks_the_covariance_begins_it_anew():
     """No number of it can stay NaN, or contradict for ever."""
     nominal = load_nominal("constant")
     estimator, samples = Estimator(config(nominal)), list(fly_whole(nominal, SEED).samples())
-    for sample in samples[:500]:
-        estimator.update(sample)
+    fed(estimator, samples[:500])
     state = estimator._parts.state
     state.undeclared.covariance[0, 4, 4] = math.nan
     reseal(estimator)
-    for sample in samples[500:520]:
-        estimator.update(sample)
+    fed(estimator, samples[500:520])
     assert np.isfinite(state.undeclared.covariance).all() and estimator.counts["RECOVERED"] == 0

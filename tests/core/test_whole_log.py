@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from cut import fed
 from hypothesis import given
 from hypothesis import strategies as st
 from ported import hostile
@@ -61,8 +62,7 @@ def test_memory_that_is_damaged_begins_anew_in_the_same_way(damage):
     samples = samples_of(read("integral"))
     one, two = (Estimator(VECTORS["integral"].config) for _ in range(2))
     for estimator in (one, two):
-        for sample in samples[:120]:
-            estimator.update(sample)
+        fed(estimator, samples[:120])
         damage(estimator._memory)
     estimates = [one.estimate() for sample in samples[120:] if one.update(sample) is Status.WINDOW_COMPLETE]
     assert len(two.replay(samples[120:])) == len(estimates)
