@@ -195,10 +195,12 @@ class Search:
         fit = fit._replace(J=slopes(m, fit.p, fit.free))
         kept, fit, e_end, live, idle = self.judged(fit, live, e_nominal, best, e_end)
         while kept and idle:      # they hide what the others are worth
-            fit = self.without(fit, idle, 3)
-            e_end = left_out(m, fit)
-            fit = fit._replace(J=slopes(m, fit.p, fit.free))
-            kept, fit, e_end, live, idle = self.judged(fit, live, e_nominal, best, e_end)
+            kept, fit, e_end, live, idle = self.judged_without(idle, fit, live, e_nominal, best)
+        names = [k.group for k in kept]
+        if gone := [g for g in live if g not in names]:   # a name that stands by what is not needed is none
+            fewer = self.judged_without(gone, fit, names, e_nominal, best)
+            if [k.group for k in fewer[0]] != names:
+                kept, fit, e_end, live, _ = fewer
         if not kept:
             fit, e_end = nominal, e_nominal
         m.white(fit.p)
@@ -299,6 +301,12 @@ class Search:
         if gain < MIN_SQUARES_SAVED or (gain < error and not any(k.group.is_event for k in kept)):
             kept = []
         return tuple(kept), fit, e_end, [g for g in live if g not in idle], idle
+
+    def judged_without(self, gone: list[Group], fit: Fit, live: list[Group], e_nominal: np.ndarray,
+                       best: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray, list[Group], list[Group]]:
+        """What each of `live` is worth when others go back to their nominal values."""
+        m, fit = self.m, self.without(fit, gone, 3)
+        return self.judged(fit._replace(J=slopes(m, fit.p, fit.free)), live, e_nominal, best, left_out(m, fit))
 
     def with_other(self, rest: Fit, other: Group) -> Fit:
         """The fit with another group in the place of one that is out."""
