@@ -195,15 +195,17 @@ def relax(block, columns, status, count):
 @inner
 def judge_separation(fixed, work, number):
     """OK, or why a6 and k1 are not known apart, or not at all."""
-    codes, std_a, std_k = fixed.codes, number[wn.O_A6_STD], number[wn.O_K1_STD]
+    codes, drives = fixed.codes, 0
     for j in range(fixed.size.terms):
         if codes[j, 0] > 0 or codes[j, 2] > 0 or (codes[j, 4] > 0 and codes[j, 5] != RATE_ARGUMENT):
             if rw.is_active(fixed.plan, work.active[:], j):  # a term in theta or beta drives
-                a6, k1 = std_a / abs(number[wn.O_A6]), std_k / abs(number[wn.O_K1])
-                if wn.knows_one_direction(a6, k1, number[wn.O_CORRELATION]):
-                    return wn.SEPARATION
-                return wn.LOW_INFORMATION if wn.knows_nothing(a6, k1) else wn.OK
-    return wn.LOW_INFORMATION
+                drives = 1
+    if drives == 0:
+        return wn.LOW_INFORMATION
+    a6, k1 = number[wn.O_A6_STD] / abs(number[wn.O_A6]), number[wn.O_K1_STD] / abs(number[wn.O_K1])
+    if wn.knows_one_direction(a6, k1, number[wn.O_CORRELATION]):
+        return wn.SEPARATION
+    return wn.LOW_INFORMATION if wn.knows_nothing(a6, k1) else wn.OK
 
 
 @kernel
