@@ -22,7 +22,7 @@ from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, MOST, NAME_SHARE, Eliminati
 from .estimate import Fit, fit_levels, gauss_newton, gram, level_deviation
 from .gain import Gain, held_out
 from .model import KINEMATIC, SCORE_BLOCKS, WEATHER, Model, Stopped
-from .scan import RIVAL_SHARE, Found, scan, with_shape
+from .scan import RIVAL_SHARE, SQUARES_PROMISED, Found, scan, with_shape
 from .score import compare, covariance, left_out
 
 SERVO_DELAYS = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)  # s, delays of a servo that are tried
@@ -30,7 +30,6 @@ SLOW_SERVOS = (0.6, 0.35, 0.2, 0.12)   # of its bandwidth, of a servo that are t
 FAR_LESS = 0.7         # of the squares that the nominal leaves, for a limited servo to be the start
 WEATHER_NATS = 20.0    # nats by which weather must be better than causes,
 CALMER = (0.3, 0.1, 0.03, 0.01)  # and than the moment that always wanders, so many times as large
-FIRST_SHAPES = 50.0    # squares that a shape must promise while everything is free; what promises less is sought later
 MOST_SHAPES = 3        # shapes that are taken into a model
 GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with a signal: something is missing
 LOUD_LEVEL = 2.9       # times the declared, from which a level hides what is not modelled
@@ -208,7 +207,7 @@ def everything(m: Model) -> np.ndarray:
             fit = gauss_newton(m, m.null, tuple(range(len(m.null))), frozenset(), 3)
             fit_levels(m, fit.p)
             fit = gauss_newton(m, fit.p, fit.free, frozenset(), 2)
-        p = with_found(m, fit, fit.p, FIRST_SHAPES)
+        p = with_found(m, fit, fit.p, 2.0 * SQUARES_PROMISED)   # what promises less is sought later
         if len(p) == len(fit.p):
             break
         fit = gauss_newton(m, p, tuple(range(len(p))), frozenset(), 4)

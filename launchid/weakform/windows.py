@@ -81,8 +81,8 @@ def refused(estimate: Estimate, status: EstimateStatus = EstimateStatus.MODEL) -
     xi, support = np.full_like(estimate.xi, nan), np.zeros_like(estimate.support)
     xi.flags.writeable = support.flags.writeable = False
     return replace(estimate, valid=False, status=status, xi=xi, support=support, absent={}, terms_std={},
-                               a6=nan, k1=nan, a6_std=nan, k1_std=nan, a6_k1_corr=nan, a6_dot=nan, k1_dot=nan,
-                               a6_bound=nan, k1_bound=nan, condition=nan)
+                   a6=nan, k1=nan, a6_std=nan, k1_std=nan, a6_k1_corr=nan, a6_dot=nan, k1_dot=nan,
+                   a6_bound=nan, k1_bound=nan, condition=nan)
 
 
 def withdrawn(estimates: list[Estimate]) -> list[Estimate]:
@@ -286,7 +286,7 @@ def window_fits(rows: Rows, windows: list[tuple[Rows, tuple[str, ...], Modes | N
 def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) -> Estimate:
     """Return a window's estimate of the weak form."""
     blank = replace(refused(e), terms=terms, xi=np.full((len(terms), 3), math.nan),
-                                support=np.zeros((len(terms), 3), bool))
+                    support=np.zeros((len(terms), 3), bool))
     if fit.is_singular:
         moves = all(np.ptp(x) > 0.0 for x in (rows.theta, rows.beta))
         return replace(blank, status=EstimateStatus.LOW_INFORMATION if moves else EstimateStatus.RANK)
