@@ -24,6 +24,7 @@ from .judge import (
     against,
     is_driving,
     late_input,
+    lead_of,
     left_over,
     question,
     with_betas,
@@ -175,8 +176,10 @@ def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, .
             terms = (*terms, FRICTION)
         elif late is None:
             wider = (*asked.terms, *(what for what in found if what in LACKING))
-            is_shifted = "delay" in found and asked.lead is not None and asked.lead.value > 0.0
-            late = late_input(logged, wider) if is_shifted else late_input(logged, asked.terms, wider)
+            lead = asked.lead if "delay" in found else lead_of(asked.pieces, asked.terms, logged)
+            if lead is None or not lead.is_sure or lead.value < 0.0:
+                break
+            late = late_input(logged, wider) if "delay" in found else late_input(logged, asked.terms, wider)
             if late is None:
                 break
             rows, doubts = late.acting(logged), late.doubts(logged)
