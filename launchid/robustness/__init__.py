@@ -1,1 +1,1 @@
-"""Uncertainty of a6 and k1: the LFT of the closed loop, its classical margins, its structured singular value."""
+"""Robustness of the closed loop to errors of a6 and k1: LFT, classical margins, structured singular value (mu)."""

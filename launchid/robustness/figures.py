@@ -1,4 +1,4 @@
-"""The confidence range and what identification buys, drawn: axes with units, truth and range, readable in grey."""
+"""Draw the confidence range of a6 and k1, and margins and mu before and after identification (matplotlib figures)."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ LABELS = {"constant": "constant", "vega_like": "VEGA-like (derived)"}
 
 
 def band_figure(nominal: Nominal, bands: list[Band]) -> Figure:
-    """Identified bands over flight time inside the range: the paper's Figs. 4 and 8 under flight sensors."""
+    """Return panels of a6 and k1 over flight time: range |delta| <= 1, truth and tracked estimates of all `bands`."""
     figure, axes = plt.subplots(2, 1, sharex=True, figsize=(9, 6))
     figure.suptitle(f"Confidence range, {LABELS[nominal.name]}: tracked estimates with 95 % bands, flight sensors, "
                     "100 Hz", fontsize=11, y=0.95)
@@ -65,7 +65,7 @@ def band_figure(nominal: Nominal, bands: list[Band]) -> Figure:
 
 
 def bought_figure(nominal: Nominal, what: Bought) -> Figure:
-    """Worst margins and mu over flight time, before identification (full box) and after (identified sub-box)."""
+    """Return panels over flight time: worst gain margins (low, high), phase margin and mu, full and identified box."""
     figure, axes = plt.subplots(4, 1, sharex=True, figsize=(9, 8.5))
     figure.suptitle(f"What identification buys, {LABELS[nominal.name]}, delta = {DRAWN_DELTA}: worst case over the box",
                     fontsize=11, y=0.94)
@@ -88,7 +88,7 @@ def bought_figure(nominal: Nominal, what: Bought) -> Figure:
 
 
 def confidence_figures(folder: Path, bands: dict[str, list[Band]]) -> list[str]:
-    """Both figures of every vehicle flown; returns the file names."""
+    """Write two PNG figures per vehicle (name -> its dispersed flights) to `folder`; return their file names."""
     written = []
     for name, flown in bands.items():
         nominal = load_nominal(built_in(name))

@@ -1,14 +1,15 @@
-"""The margins of a flight: of every window, and of the tracked estimate at its end, from what was identified.
+"""Gain, phase and delay margins of a flight from its estimates: of every window, and of the tracked estimate at its
+end.
 
-Loop: the nominal's controller around the rigid launcher as identified, a6 and k1 frozen at the window's centre, tracked
-at its end, behind the servo: the nominal's or, where it is not known, the one that the flight has shown until the
-window's end.  What is unknown of the servo is in a6, k1 and their covariance already; that their errors and the servo's
-belong together is left out (`docs/margins.md` says what it was checked by).
+Loop: the nominal's controller around the rigid launcher as identified, a6 and k1 frozen (at the window's centre, or
+tracked at its end), behind the servo: the nominal's or, where the nominal declares it uncertain, the one estimated by
+the window's end.  Errors of the servo are in a6, k1 and their covariance already; the correlation between their errors
+and the servo's is left out (`docs/margins.md` says how that was checked).
 
-A window that the estimator refuses has no margins, neither has one in which a6 or k1 changed suddenly, nor the tracked
-estimate until the change is settled: no frozen loop is that flight's.  Nor has one in which another loop flew: whose
-commands are not the nominal controller's (CONTROLLER), or whose nozzle does not answer them as the servo does
-(MODEL).
+No margins has: a window that the estimator refuses; a window in which a6 or k1 changed suddenly (status CHANGE), nor
+the tracked estimate until CHANGE_SETTLED after it, since no frozen loop is that flight's; and a window in which another
+loop flew: its commands are not the nominal controller's (CONTROLLER), or its nozzle does not answer them as the servo
+does (MODEL).
 """
 
 import math
@@ -45,14 +46,14 @@ MARGIN_UNITS = {name: margin.unit for name, margin in MARGINS.items()}
 
 
 class Servo(NamedTuple):
-    """The knowledge of the servo: (3,) natural frequency [rad/s], damping ratio, delay [s], their covariance (3, 3)."""
+    """What is known of a servo: natural frequency [rad/s], damping ratio, delay [s] (3,), their covariance (3, 3)."""
 
     mean: np.ndarray
     covariance: np.ndarray
 
 
 class Judged(NamedTuple):
-    """The margins of one estimate, and why it has none."""
+    """Margins (`spread`) of one estimate and the loop (`known`) that has them; both None unless `status` is "OK"."""
 
     status: str
     known: Known | None = None
@@ -64,7 +65,7 @@ class Judged(NamedTuple):
 
 
 class WindowMargins(NamedTuple):
-    """The margins of one window, and those that the tracked estimate has at its end."""
+    """Margins of a window's own a6 and k1 (`window`) and of the estimate tracked at its end (`tracked`); times [s]."""
 
     t_start: float
     t_end: float
@@ -73,7 +74,7 @@ class WindowMargins(NamedTuple):
 
 
 def declared_servo(nominal: Nominal) -> Servo:
-    """The servo as a nominal declares it; InputError for a loop that is no rigid body, second-order servo and PD."""
+    """Return a nominal's servo, its sigma as covariance; InputError if the loop is not rigid body, servo and PD."""
     nominal.require("actuator", "controller")
     refuse_foreign_loop(nominal, "the frozen loop")
     for effect in nominal.effects:
@@ -89,7 +90,7 @@ def declared_servo(nominal: Nominal) -> Servo:
 
 
 def servo_at(declared: Servo, e: Estimate) -> Servo:
-    """The servo at a window's end: as declared or, where it is estimated, as the flight has shown it until then."""
+    """Return the servo that estimate `e` holds at its window's end; `declared` if the servo is not estimated."""
     if e.actuator is None:
         return declared
     mean, std = np.array([(each.value, each.std) for each in e.actuator.values()]).T
@@ -99,17 +100,18 @@ def servo_at(declared: Servo, e: Estimate) -> Servo:
 
 
 def last_servo(declared: Servo, estimates: Sequence[Estimate]) -> Servo:
-    """The servo as the flight has shown it until the end of its last window that does not contradict it."""
+    """Servo of the last window whose estimate is finite (the model was not contradicted); `declared` if there is
+    none."""
     shown = (servo_at(declared, e) for e in reversed(estimates))
     return next((servo for servo in shown if np.isfinite(servo.mean).all()), declared)
 
 
 @dataclass
 class Flown:
-    """Whether the loop that flew is the one whose margins are given.
+    """Whether the nominal's controller and servo flew; margins hold for them alone.
 
-    refused   status of the windows, by their number, in which it is not
-    findings  sentences on them;  assumed  sentences on what this log does not test
+    refused   window number -> status (CONTROLLER or MODEL), of the windows in which another loop flew
+    findings  sentences on them;  assumed  sentences on what the log cannot test
     """
 
     refused: dict[int, str] = field(default_factory=dict)
@@ -118,7 +120,7 @@ class Flown:
 
 
 def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate]) -> Flown:
-    """The tests of the controller and of the servo in every window of a log."""
+    """Test in each window whether the log's commands are the nominal controller's and its nozzle is the servo's."""
     flown = Flown()
     replayed, follows = replay(log, nominal), followed(log, onboard_model(nominal))
     if isinstance(replayed, str):
@@ -163,7 +165,7 @@ def _test_controller(flown: Flown, replayed: Replay, estimates: Sequence[Estimat
 
 
 def _count(which: Sequence[int], estimates: Sequence[Estimate]) -> str:
-    """`3 of 14 windows, from 30 s on`."""
+    """Return how many windows `which` (numbers) lists, and from when on: `3 of 14 windows, from 30 s on,`."""
     return f"{len(which)} of {len(estimates)} windows, from {estimates[which[0]].t_start:g} s on,"
 
 
@@ -174,9 +176,9 @@ def _note(assumed: list[str], what: str, unasked: Sequence[bool]) -> None:
 
 def flight_margins(nominal: Nominal, estimates: Sequence[Estimate], changes: Sequence[Change],
                    refused: Mapping[int, str] | None = None) -> list[WindowMargins]:
-    """The margins of every window of a flight, with the controller of its nominal.
+    """Return the margins of each window (estimate) with the nominal's controller; InputError as `declared_servo`.
 
-    refused  status of the windows, by their number, of which another loop flew
+    refused  window number -> status, of windows in which another loop flew: they get this status and no margins
     """
     declared, windows = declared_servo(nominal), []
     for k, e in enumerate(estimates):
@@ -208,8 +210,9 @@ def _of_tracked(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo:
 
 
 def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, gains: tuple[float, float] | None = None) -> Judged:
-    """The margins of a6, k1, their standard deviations and correlation behind a servo; gains (kp, kd [s]) instead of
-    the controller's."""
+    """Return the margins with `rigid` = (a6, k1 [1/s^2], their two stds, their correlation), the nominal's controller
+    and `servo`; gains (kp, kd [s]) replace the controller's.  Status UNKNOWN and no margins if a number is not
+    finite."""
     if not all(map(math.isfinite, (*rigid, *servo.mean.tolist()))):
         return Judged(UNKNOWN_MARK)
     a6, k1, a6_std, k1_std, correlation = rigid
@@ -225,7 +228,7 @@ def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, gains: tuple[
 
 
 def margins_json(judgement: Judged) -> dict[str, Any]:
-    """One estimate's margins in the contract's words."""
+    """Return one estimate's margins as JSON: valid, status, value/std/low/high of each of MARGIN_NAMES, stable."""
     spread = judgement.spread
     said: dict[str, Any] = {"valid": judgement.valid, "status": judgement.status}
     for name in MARGIN_NAMES:
@@ -235,7 +238,8 @@ def margins_json(judgement: Judged) -> dict[str, Any]:
 
 
 def below_json(windows: Sequence[WindowMargins], required: Required, is_tracked: bool) -> list[dict[str, Any]]:
-    """The windows whose interval reaches below what is required: `certain` where all of it does."""
+    """Return a row per margin whose 95 % interval begins below `required`; `certain`: it ends there too.  is_tracked:
+    also those of the tracked estimate."""
     rows: list[dict[str, Any]] = []
     for each in windows:
         for estimate, judgement in (("window", each.window), *((("tracked", each.tracked),) if is_tracked else ())):
@@ -249,20 +253,21 @@ def below_json(windows: Sequence[WindowMargins], required: Required, is_tracked:
 
 
 def miss_words(spread: Spread, name: str, required: Required) -> str:
-    """One sentence that says that a margin may be below what is required."""
+    """Return the margin `name`, its 95 % interval and the required value as text, for a margin that may be below it."""
     interval = {key: json_number(x) for key, x in getattr(spread, name)._asdict().items()}
     return (f"{MARGIN_TITLES[name]} {interval_words(interval, MARGIN_UNITS[name])} {MARGIN_UNITS[name]}, required "
             f"{required_of(required, name):g}")
 
 
 def required_of(required: Required, name: str) -> float:
-    """The required value of one of MARGIN_NAMES, in its own sign."""
+    """Return the required value of margin `name` (one of MARGIN_NAMES), below 0 for `gain_low_db`."""
     return MARGINS[name].sign * float(getattr(required, MARGINS[name].required))
 
 
 def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, is_tracked: bool,
            flown: Flown) -> dict[str, Any]:
-    """The margins JSON."""
+    """Return the JSON of `launchid margins`: windows, actuator (`servo`), margins below and maybe below `required`,
+    findings, assumed.  is_tracked: with the tracked estimates' margins."""
     reached = below_json(windows, required, is_tracked)
     std = np.sqrt(np.diag(servo.covariance))
     return {"windows": [{"t_start": each.t_start, "t_end": each.t_end, **margins_json(each.window),
@@ -275,7 +280,8 @@ def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, i
 
 
 def interval_words(interval: dict[str, float | None], unit: str = "") -> str:
-    """`37.51 (36.38..38.57)`: a value and its 95 % interval."""
+    """Return a value and its 95 % interval as text, `37.51 (36.38..38.57)`; "-" if all three are None (else
+    infinite)."""
     if interval["value"] is None and interval["low"] is None and interval["high"] is None:
         return "-"
     decimals = 1 if unit == "ms" else 2
@@ -286,7 +292,7 @@ def interval_words(interval: dict[str, float | None], unit: str = "") -> str:
 
 
 def table(said: dict[str, Any]) -> str:
-    """The windows as a table for a terminal, and what is below the required margins."""
+    """Return the JSON of `report` as text for a terminal: a line per window, servo, margins too low, findings."""
     heads = [f"{MARGIN_TITLES[name]} [{MARGIN_UNITS[name]}]" for name in MARGIN_NAMES]
     lines = [f"{'t_start':>9} {'t_end':>9} {'of':<8} {'status':<15} " + " ".join(f"{head:>26}" for head in heads)
              + f" {'P(stable)':>10}"]
@@ -303,7 +309,8 @@ def table(said: dict[str, Any]) -> str:
 
 
 def closing_lines(said: dict[str, Any]) -> list[str]:
-    """How many windows have margins, and how many of those keep what is required; the same of the tracked estimate."""
+    """Return how many windows of `said` (the JSON of `report`) have margins and keep the required ones, as text; for
+    the window's and for the tracked estimates."""
     lines = []
     for of in ("window", "tracked"):
         there = [window for window in said["windows"] if (window | window.get(of, {}))["valid"]]
@@ -317,7 +324,8 @@ def closing_lines(said: dict[str, Any]) -> list[str]:
 
 
 def below_lines(reached: list[dict[str, Any]], verb: str) -> list[str]:
-    """One line for each margin that is below what is required, with its windows and the worst of them."""
+    """Return a line per margin and estimate of `reached` (rows of `below_json`): how many windows, and the worst.
+    verb: "is" or "may be"."""
     lines = []
     for name in MARGIN_NAMES:
         for estimate in ("window", "tracked"):

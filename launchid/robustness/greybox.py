@@ -47,7 +47,8 @@ ROWS_LEAST = 20     # of a log
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Deviations:
-    """Relative deviations of one flight, window by window; columns are (a6, k1), NaN where not identified."""
+    """Deviations a/a0 - 1 of one flight from the nominal: value, std (b, 2) of (a6, k1), NaN where a window at t (b,)
+    [s] does not identify them; span = first and last time [s] of the log."""
 
     path: str
     span: tuple[float, float]  # s, first and last time of the log
@@ -58,7 +59,8 @@ class Deviations:
 
 @dataclasses.dataclass(frozen=True)
 class Range:
-    """The fitted range of one parameter."""
+    """Fitted range `sigma` of a6 or k1, relative to the nominal.  spread (of vehicles), within (a flight) and noise are
+    rms; held = share of the fitted flights inside; method = "order statistic" or "normal"."""
 
     sigma: float
     method: str        # `order statistic` or `normal`
@@ -70,7 +72,7 @@ class Range:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fit:
-    """Ranges in the order of UNCERTAIN_PARAMETERS, and over flight time if asked."""
+    """Ranges fitted from `flights` flights: one each for a6, k1, and `profile`, sigma over flight time, or None."""
 
     flights: int
     share: float
@@ -80,7 +82,7 @@ class Fit:
 
 
 def deviations(seen: CheckedLog, nominal: Nominal) -> Deviations:
-    """Identify one log with the nominal; InputError if nothing in it can be."""
+    """Identify a log with the nominal, in windows of BIN s; InputError if it is too short or no window has a6 or k1."""
     log = seen.log
     model = onboard_model(nominal, log.period, log.path)
     require_cover(log, nominal, nominal.vehicle, "vehicle")
@@ -106,14 +108,14 @@ def deviations(seen: CheckedLog, nominal: Nominal) -> Deviations:
 
 
 def pooled(value: np.ndarray, std: np.ndarray) -> tuple[float, float]:
-    """Mean of (b,) weighted by 1/std^2 and its std; NaN are left out."""
+    """Return the mean of value (b,) weighted by 1/std^2, and its standard deviation; NaN are left out."""
     weight = 1.0 / std**2
     total = float(np.nansum(weight))
     return float(np.nansum(weight * value)) / total, 1.0 / math.sqrt(total)
 
 
 def chi_square_quantile(probability: float, degrees: int) -> float:
-    """Lower quantile, by bisection on the series of the incomplete gamma function (DLMF 8.11.4)."""
+    """Return x with P(chi2 <= x) = probability, by bisection on the series of DLMF 8.11.4; `degrees` of freedom."""
     a = 0.5 * degrees
 
     def cumulative(x: float) -> float:
@@ -133,7 +135,7 @@ def chi_square_quantile(probability: float, degrees: int) -> float:
 
 
 def fit_range(value: np.ndarray, std: np.ndarray, within: float, share: float, confidence: float) -> Range:
-    """The range of one parameter from n flights: deviations (n,), their stds, and the spread within a flight."""
+    """Fit the range of a6 or k1 to n flights: deviations value (n,), their std (n,), and the rms `within` a flight."""
     n = len(value)
     noise = float(np.mean(std**2))
     spread = max(float(np.mean(value**2)) - noise, 0.0)
@@ -152,7 +154,7 @@ def fit_range(value: np.ndarray, std: np.ndarray, within: float, share: float, c
 
 
 def spread_within(flights: list[Deviations], p: int) -> float:
-    """Root mean square of what the deviation of parameter p does within a flight, noise taken out."""
+    """Return the rms by which the deviation of parameter p (0 a6, 1 k1) varies within a flight, noise taken out."""
     total, count = 0.0, 0
     for flight in flights:
         good = np.isfinite(flight.value[:, p])
@@ -165,7 +167,8 @@ def spread_within(flights: list[Deviations], p: int) -> float:
 
 
 def fit(flights: list[Deviations], share: float, confidence: float, over_time: bool = False) -> Fit:
-    """Ranges of both parameters from flights."""
+    """Fit the range of a6 and k1 that holds `share` of vehicles with `confidence`, from each flight's deviations.
+    over_time: also sigma over flight time."""
     ranges = []
     for p in range(len(UNCERTAIN_PARAMETERS)):
         pairs = np.array([pooled(flight.value[:, p], flight.std[:, p]) for flight in flights])
@@ -175,7 +178,8 @@ def fit(flights: list[Deviations], share: float, confidence: float, over_time: b
 
 
 def range_profile(flights: list[Deviations], ranges: list[Range], share: float, confidence: float) -> Profile:
-    """sigma over flight time: nodes at the centres of bins of BIN seconds, held to the flights' ends."""
+    """Return sigma of a6, k1 over flight time: nodes at the centres of bins of BIN s and at both ends of the
+    flights."""
     first, last = min(flight.span[0] for flight in flights), max(flight.span[1] for flight in flights)
     bins = max(1, math.floor((last - first) / BIN + 0.5))
     t = first + BIN * (0.5 + np.arange(bins))
@@ -193,19 +197,20 @@ def range_profile(flights: list[Deviations], ranges: list[Range], share: float, 
 
 
 def with_range(nominal: Nominal, result: Fit) -> Nominal:
-    """The nominal with the fitted [uncertainty]."""
+    """Return the nominal with [uncertainty] replaced by the fit's profile, or by its constant ranges if it has none."""
     sigma = result.profile or constant_profile(*(r.sigma for r in result.ranges))
     return dataclasses.replace(nominal, uncertainty=sigma)
 
 
 def factor(result: Fit) -> float:
-    """The normal's range over the root mean square deviation of as many flights, without noise."""
+    """Return the normal method's range over the rms deviation of as many flights, without noise; it falls with
+    flights."""
     degrees = chi_square_quantile(1.0 - result.confidence, result.flights)
     return NormalDist().inv_cdf(0.5 * (1.0 + result.share)) * math.sqrt(result.flights / degrees)
 
 
 def table(result: Fit, out: str) -> str:
-    """The fit for a terminal."""
+    """Return the fit as text for a terminal; `out` names the file that it begins with."""
     few = result.flights < FEWEST_FLIGHTS
     flights = "1 flight" if result.flights == 1 else f"{result.flights} flights"
     lines = [f"{out}: range of {flights} that holds {100 * result.share:g} % of vehicles with confidence "

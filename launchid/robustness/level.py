@@ -1,4 +1,4 @@
-"""The uncertainty level of a log: the on-board estimator with a nominal's range sigma, and the contract's JSON."""
+"""Find where in the nominal's range sigma a6 and k1 of a log are, window by window; JSON and table of the answer."""
 
 import dataclasses
 import math
@@ -20,8 +20,8 @@ NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last on
 
 
 def ranged_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
-    """The estimator's model of a nominal, with its range; InputError without [uncertainty], and as
-    `onboard_model`."""
+    """Return the estimator's model with the nominal's range of a6 and k1; InputError without [uncertainty], and as
+    `onboard_model`, which takes period [s] and path of the log."""
     nominal.require("uncertainty")
     sigma = nominal.uncertainty
     assert sigma is not None
@@ -30,10 +30,8 @@ def ranged_model(nominal: Nominal, period: float | None = None, path: str = "") 
 
 
 def log_span(log: Log) -> tuple[float, float]:
-    """First and last time [s] of the log.
-
-    A stamp with no neighbour within NEIGHBOUR sample periods is a bad one, not the log's end.
-    """
+    """Return the first and last time [s] of the log; a stamp without neighbour within NEIGHBOUR sample periods is a bad
+    one, not the log's end."""
     t = log.t[np.isfinite(log.t)]
     step = np.diff(t)
     near = (step > 0.0) & (step <= NEIGHBOUR * log.period)
@@ -42,7 +40,8 @@ def log_span(log: Log) -> tuple[float, float]:
 
 
 def require_cover(log: Log, nominal: Nominal, profile: Profile, section: str) -> None:
-    """InputError unless a profile covers the log's times, to a sample; numbers hold at all times."""
+    """Raise InputError unless the profile of `section` covers the log's times to a sample; one node covers all
+    times."""
     if len(profile.t) == 1:
         return
     first, last = log_span(log)
@@ -53,7 +52,8 @@ def require_cover(log: Log, nominal: Nominal, profile: Profile, section: str) ->
 
 
 def follow(seen: CheckedLog, nominal: Nominal, window: float) -> list[Estimate]:
-    """The estimate of every window of `window` [s], with its uncertainty level.  ValueError: a window out of range."""
+    """Return an estimate with uncertainty level per window of `window` [s]; none is valid if columns hold another
+    quantity. InputError: a profile does not cover the log; ValueError: window out of range."""
     log = seen.log
     model = ranged_model(nominal, log.period, log.path)
     assert nominal.uncertainty is not None
@@ -66,21 +66,21 @@ def follow(seen: CheckedLog, nominal: Nominal, window: float) -> list[Estimate]:
 
 
 def _unknown(estimate: Estimate) -> Estimate:
-    """The estimate of a log whose columns are of another quantity than their names say: no level is known."""
+    """Return the estimate with an invalid level of NaN: its log's columns hold other quantities than they name."""
     assert estimate.uncertainty is not None
     nothing = Level(math.nan, math.nan, "undecided", (math.nan,) * len(BANDS), True, math.nan)
     return dataclasses.replace(estimate, uncertainty=Uncertainty(False, nothing, nothing))
 
 
 def level_json(level: Level) -> dict[str, Any]:
-    """One parameter in the contract's words."""
+    """Return the level of a6 or k1 as JSON: delta, its std, likeliest band, probability by band, whether in range."""
     return {"delta": number(level.delta), "delta_std": number(level.delta_std), "band": level.band,
             "probability": {band: number(p) for band, p in zip(BANDS, level.probability, strict=True)},
             "in_range": level.in_range, "out_since": number(level.out_since)}
 
 
 def report(estimates: list[Estimate]) -> dict[str, Any]:
-    """The uncertainty JSON."""
+    """Return the JSON of `launchid uncertainty`: each window's t_start, t_end [s], valid, level of a6 and of k1."""
     windows = []
     for e in estimates:
         u = e.uncertainty
@@ -91,10 +91,8 @@ def report(estimates: list[Estimate]) -> dict[str, Any]:
 
 
 def departures(estimates: list[Estimate]) -> list[tuple[str, float, float, float]]:
-    """(parameter, when it began, end of the window that first said so, end of the first window back in range) [s].
-
-    NaN for the last if it never came back; in order of their alarm.
-    """
+    """Return each departure of a6 or k1 from its range: (parameter, since when, end of the window with the alarm, end
+    of the first window back in range or NaN) [s]; in order of alarm."""
     rows = []
     for name in UNCERTAIN_PARAMETERS:
         inside = True
@@ -109,7 +107,7 @@ def departures(estimates: list[Estimate]) -> list[tuple[str, float, float, float
 
 
 def table(estimates: list[Estimate]) -> str:
-    """The windows for a terminal, and what left its range."""
+    """Return the level of a6 and k1 in each window as text for a terminal, and when one of them left its range."""
     heads = (f"  {f'delta_{name} +- std':>16} {'band [%]':>9} {'P(band)':>7}" for name in UNCERTAIN_PARAMETERS)
     lines = [f"{'t_start':>9} {'t_end':>9}" + "".join(heads)]
     for e in estimates:

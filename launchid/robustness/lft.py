@@ -44,7 +44,7 @@ WHOLE_PERIOD = 1e-9      # of a period: a delay this close to whole periods is w
 
 @dataclass(frozen=True, eq=False)
 class Lft:
-    """M of the closed loop at one time, SI units.  See the module for what each array does."""
+    """M of the closed loop frozen at t [s]: a6, k1 [1/s^2] at delta = 0; arrays as in the module's equations."""
 
     t: float                    # s
     a6: float                   # 1/s^2, at delta = 0
@@ -66,17 +66,17 @@ class Lft:
 
     @property
     def delay(self) -> float:
-        """Transport delay [s] on the way to the actuator."""
+        """Return the transport delay [s] between the controller's command and the actuator's input."""
         return (len(self.a) - N_FIXED - (self.fraction > 0.0)) * self.period + self.fraction
 
     def parameters(self, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """a6, k1 (...) [1/s^2] at delta (..., 2)."""
+        """Return a6, k1, each (...) [1/s^2], at delta (..., 2)."""
         factor = 1.0 + self.sigma * delta
         return self.a6 * factor[..., 0], self.k1 * factor[..., 1]
 
 
 class Sampled(NamedTuple):
-    """The loop at the ticks, cut at the controller's output: x+ = a x + b u + b_reference r (before each tick).
+    """Loops at the ticks, cut at the controller's output: x+ = a x + b u + b_reference r (x before each tick).
 
     The controller commands command x + command_reference r; the loop is closed when u is that command.
     """
@@ -89,16 +89,17 @@ class Sampled(NamedTuple):
     period: float               # s
 
     def take(self, index: np.ndarray) -> "Sampled":
-        """The loops at these places of the first axis."""
+        """Return the loops at `index` of the first axis."""
         return self._replace(a=self.a[index], b=self.b[index], b_reference=self.b_reference[index])
 
     def gain(self, omega: np.ndarray) -> np.ndarray:
-        """`loop_gain` of these loops."""
+        """Return the loop gain L(exp(i omega T)) (..., p) at omega (..., p) [rad/s], as `loop_gain`."""
         return loop_gain(self, omega)
 
 
 def value_at(profile: Profile, t: float, what: str) -> tuple[float, float]:
-    """(a6, k1) of a profile at t [s]; InputError beyond its ends (a single node is a constant and has none)."""
+    """Return (a6, k1) of a profile at t [s]; InputError, begun with `what`, outside it (one node holds at all
+    times)."""
     covers = len(profile.t) == 1 or profile.t[0] <= t <= profile.t[-1]
     if not math.isfinite(t) or not covers:
         raise InputError(f"{what}: t = {t!r} s: expected a time from {profile.t[0]:g} to {profile.t[-1]:g} s")
@@ -107,7 +108,7 @@ def value_at(profile: Profile, t: float, what: str) -> tuple[float, float]:
 
 
 def lft_at(nominal: Nominal, t: float, kp: float | None = None, kd: float | None = None) -> Lft:
-    """M of a nominal's closed loop, frozen at time t [s].
+    """Return M of a nominal's closed loop, frozen at time t [s].
 
     kp, kd [s]   instead of the nominal's gains
     Raises InputError: a section missing, sigma not above 0, a time the profile does not cover.
@@ -134,14 +135,14 @@ def lft_at(nominal: Nominal, t: float, kp: float | None = None, kd: float | None
 
 
 def split_delay(delay: float, period: float) -> tuple[int, float]:
-    """Delay [s] as whole periods and the rest [s], 0 <= rest < period."""
+    """Return delay [s] as a number of whole periods and the rest [s], 0 <= rest < period."""
     whole = math.floor(delay / period + WHOLE_PERIOD)
     rest = delay - whole * period
     return whole, rest if rest > WHOLE_PERIOD * period else 0.0
 
 
 def _flow(a6: float, k1: float, actuator: Actuator, n: int) -> np.ndarray:
-    """a (n, n): theta_ddot = a6 theta + k1 beta and the actuator with beta_dot over w as state; the rest is held."""
+    """Return a (n, n): theta_ddot = a6 theta + k1 beta and the servo (state beta_dot/w); the other states are held."""
     w = actuator.natural_frequency
     a = np.zeros((n, n))
     a[PLANT_THETA, PLANT_THETA_DOT] = 1.0
@@ -154,10 +155,10 @@ def _flow(a6: float, k1: float, actuator: Actuator, n: int) -> np.ndarray:
 
 def _controller(controller: Controller, gains: tuple[float, float],
                 n: int) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
-    """command (n,), command_reference, tick (n, n), reference (n,).
+    """Return the controller's command (n,), command_reference, tick (n, n), reference (n,) for gains (kp, kd [s]).
 
     The filter d = (tau d + e - e_previous)/(tau + T) with one state s, s <- p s + e, p = tau/(tau + T):
-    d = (e + (p - 1) s)/(tau + T).  What is not named here keeps its value.
+    d = (e + (p - 1) s)/(tau + T).  Other states keep their value at a tick.
     """
     kp, kd = gains
     lag = controller.derivative_time_constant + controller.period
@@ -170,7 +171,7 @@ def _controller(controller: Controller, gains: tuple[float, float],
 
 
 def _delay_line(tick: np.ndarray, whole: int, fraction: float) -> tuple[np.ndarray, np.ndarray]:
-    """hold (n,) and switch (n, n); the queue's shift goes into `tick` (inout).
+    """Return hold (n,) and switch (n, n); write the queue's shift into `tick` (n, n) in place.
 
     At a tick the oldest of `whole` queued commands leaves the queue, the new one enters; what leaves is at the
     actuator's input at once, or, with a fraction of a period left, waits in `due` until the switch.
@@ -189,7 +190,7 @@ def _delay_line(tick: np.ndarray, whole: int, fraction: float) -> tuple[np.ndarr
 
 
 def checked(delta: np.ndarray | tuple[float, float]) -> np.ndarray:
-    """delta (..., 2) of a6, k1 as an array; ValueError unless every |delta| <= 1."""
+    """Return delta (..., 2) of a6, k1 as an array; ValueError unless every |delta| <= 1."""
     delta = np.asarray(delta, dtype=float)
     if delta.shape[-1:] != (2,) or not np.all(np.abs(delta) <= 1.0):
         raise ValueError(f"delta = {delta.tolist()}: expected delta_a6, delta_k1 within [-1, 1]")
@@ -197,14 +198,14 @@ def checked(delta: np.ndarray | tuple[float, float]) -> np.ndarray:
 
 
 def star(lft: Lft, delta: np.ndarray) -> np.ndarray:
-    """F_u(M, Delta): the flow (..., n, n) at delta (..., 2), any real; `checked` is for what the file allows."""
+    """Return the flow F_u(M, Delta) (..., n, n) at delta (..., 2) of a6, k1, any real: |delta| <= 1 is not checked."""
     block = np.zeros((*delta.shape, 2))
     block[..., 0, 0], block[..., 1, 1] = delta[..., 0], delta[..., 1]
     return lft.a + lft.b @ block @ np.linalg.inv(np.eye(2) - lft.d @ block) @ lft.c
 
 
 def exponential(a: np.ndarray) -> np.ndarray:
-    """exp(a), a (..., n, n): Taylor series, scaled and squared (Higham, Functions of Matrices, 2008, ch. 10)."""
+    """Return exp(a), a (..., n, n): Taylor series, scaled and squared (Higham, Functions of Matrices, 2008, ch. 10)."""
     norm = float(np.abs(a).sum(axis=-1).max(initial=0.0))
     squarings = max(0, math.ceil(math.log2(2.0 * norm))) if norm > 0.0 else 0
     x = a / 2.0**squarings
@@ -219,7 +220,7 @@ def exponential(a: np.ndarray) -> np.ndarray:
 
 
 def sample(lft: Lft, delta: np.ndarray) -> Sampled:
-    """The loop at the ticks for delta (..., 2), any real: flow and jumps over one period, exact."""
+    """Return the loop from tick to tick, cut at the controller's output, for delta (..., 2), any real; exact."""
     flow = star(lft, np.asarray(delta, dtype=float))
     period = exponential(flow * (lft.period - lft.fraction))
     if lft.fraction > 0.0:
@@ -229,17 +230,17 @@ def sample(lft: Lft, delta: np.ndarray) -> Sampled:
 
 
 def close(loop: Sampled) -> np.ndarray:
-    """State matrix (..., n, n) of the closed loop: one eigenvalue in 0 for each state that the tick overwrites."""
+    """Return the closed loop's state matrix (..., n, n): an eigenvalue 0 for each state that the tick overwrites."""
     return loop.a + loop.b[..., :, None] * loop.command
 
 
 def spectral_radius(loop: Sampled) -> np.ndarray:
-    """Largest |eigenvalue| (...) of the closed loop; below 1 it is stable."""
+    """Return the largest |eigenvalue| (...) of the closed loop; below 1 it is stable."""
     return np.abs(np.linalg.eigvals(close(loop))).max(axis=-1)
 
 
 def loop_gain(loop: Sampled, omega: np.ndarray) -> np.ndarray:
-    """L(exp(i omega T)) (..., p) at omega (..., p) [rad/s], from the actuator's input to minus the command.
+    """Return L(exp(i omega T)) (..., p) at omega (..., p) [rad/s], from the actuator's input to minus the command.
 
     The closed loop's characteristic equation is 1 + L = 0.
     """
@@ -247,10 +248,10 @@ def loop_gain(loop: Sampled, omega: np.ndarray) -> np.ndarray:
 
 
 def frequency_response(lft: Lft, delta: np.ndarray | tuple[float, float], omega: np.ndarray) -> np.ndarray:
-    """Closed loop (..., p, 2) from theta_ref to (theta, command) at the ticks, delta (..., 2) within [-1, 1].
+    """Return the closed loop (..., p, 2) from theta_ref to (theta, command) at the ticks, at omega (p,) [rad/s].
 
-    Closed from the responses of the cut loop, which keeps the tiny theta near half the sampling rate to full
-    precision.  omega (p,) [rad/s].
+    delta (..., 2) within [-1, 1], else ValueError.  Closed from the responses of the cut loop: the tiny theta near half
+    the sampling rate keeps full precision.
     """
     loop = sample(lft, checked(delta))
     inputs = np.stack([loop.b, loop.b_reference], axis=-1)
@@ -261,7 +262,7 @@ def frequency_response(lft: Lft, delta: np.ndarray | tuple[float, float], omega:
 
 
 def _resolvent(a: np.ndarray, b: np.ndarray, omega: np.ndarray, period: float) -> np.ndarray:
-    """(z I - a)^-1 b (..., p, n, k) at z = exp(i omega period), omega (..., p), a (..., n, n), b (..., n, k).
+    """Return (z I - a)^-1 b (..., p, n, k) at z = exp(i omega period), omega (..., p), a (..., n, n), b (..., n, k).
 
     An undamped plant (a6 <= 0) has its poles on the circle: met exactly, all z step off it by OFF_CIRCLE.
     """
@@ -274,13 +275,13 @@ def _resolvent(a: np.ndarray, b: np.ndarray, omega: np.ndarray, period: float) -
 
 
 def _pencil(z: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """z I - a (..., p, n, n)."""
+    """Return z I - a (..., p, n, n)."""
     return z[..., None, None] * np.eye(a.shape[-1]) - a[..., None, :, :]
 
 
 def refuse_foreign_loop(nominal: Nominal, who: str) -> None:
-    """InputError naming the section for which the loop is no rigid body, second-order servo and PD of attitude: what
-    has no model is not ignored."""
+    """Raise InputError if the nominal's loop is not rigid body, second-order servo and PD of attitude; it names the
+    section that `who` has no model of."""
     actuator, controller = nominal.actuator, nominal.controller
     for name, is_there in (
             ("[drift]", nominal.drift is not None),

@@ -28,7 +28,8 @@ N_PLANT = 4   # theta, theta_dot, beta, beta_dot/w
 
 
 class Plants(NamedTuple):
-    """The plants of m loops, arrays (m,)."""
+    """m plants, arrays (m,): a6, k1 [1/s^2]; servo frequency [rad/s], damping ratio, transport delay [s], at least
+    0."""
 
     a6: np.ndarray         # 1/s^2
     k1: np.ndarray         # 1/s^2
@@ -39,7 +40,9 @@ class Plants(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """m loops.  Polynomials in w, falling powers."""
+    """m sampled loops as rational functions of w = z - 1 (coefficients of falling powers): moved/poles (m, 5) the
+    plant, law/lag (2,) the controller, `whole` periods of delay; static = gain factor at which the loop is lost at z =
+    1."""
 
     moved: np.ndarray        # (m, 5) P_new z + P_old, numerator
     poles: np.ndarray        # (m, 5) its denominator
@@ -50,12 +53,12 @@ class Loops:
     period: float            # s
 
     def take(self, index: np.ndarray) -> "Loops":
-        """The loops at these places."""
+        """Return the loops at `index`."""
         return Loops(self.moved[index], self.poles[index], self.whole[index], self.static[index], self.law, self.lag,
                      self.period)
 
     def gain(self, omega: np.ndarray) -> np.ndarray:
-        """L (m, p) at omega (p,) or (m, p) [rad/s]."""
+        """Return the loop gain L(exp(i omega T)) (m, p) at omega (p,) or (m, p) [rad/s]."""
         half = 0.5 * self.period * omega
         w = 2j * np.sin(half) * np.exp(1j * half)
         if np.ptp(self.whole) == 0:
@@ -66,7 +69,7 @@ class Loops:
         return -controller * _at(self.moved, w) / _at(self.poles, w)
 
     def stable(self) -> np.ndarray:
-        """Whether each loop (m,), closed, has all roots inside the unit circle."""
+        """Return whether all roots of each closed loop (m,) are inside the unit circle."""
         longest = int(np.max(self.whole))
         top = _times(self.moved, self.law)
         closed = _times(self.poles, self.lag)
@@ -85,7 +88,7 @@ class Loops:
 
 
 def _at(polynomial: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Values (m, p) of polynomials (m, n) at w (p,) or (m, p)."""
+    """Return values (m, p) of polynomials (m, n), falling powers, at w (p,) or (m, p)."""
     value = polynomial[:, :1] * np.ones_like(w)
     for k in range(1, polynomial.shape[1]):
         value *= w
@@ -94,7 +97,7 @@ def _at(polynomial: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 
 def _times(polynomial: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Products (m, n + 1) of polynomials (m, n) with one of first degree (2,)."""
+    """Return products (m, n + 1) of polynomials (m, n) with one of first degree (2,)."""
     product = np.zeros((len(polynomial), polynomial.shape[1] + 1))
     product[:, :-1] = by[0] * polynomial
     product[:, 1:] += by[1] * polynomial
@@ -102,7 +105,7 @@ def _times(polynomial: np.ndarray, by: np.ndarray) -> np.ndarray:
 
 
 def loops(plants: Plants, controller: Controller, kp: float | None = None, kd: float | None = None) -> Loops:
-    """The loops of these plants with a controller; kp, kd [s] instead of its own gains."""
+    """Return the loops of m plants with a controller, exactly sampled; kp, kd [s] replace the controller's gains."""
     kp, kd = controller.kp if kp is None else kp, controller.kd if kd is None else kd
     period, lag = controller.period, controller.derivative_time_constant + controller.period
     whole = np.floor(plants.delay / period + WHOLE_PERIOD)
@@ -122,7 +125,7 @@ def loops(plants: Plants, controller: Controller, kp: float | None = None, kd: f
 
 
 def _flow(plants: Plants) -> np.ndarray:
-    """(m, 5, 5): x' of theta, theta_dot, beta, beta_dot/w and the command at the servo, which is held."""
+    """Return (m, 5, 5): derivative of theta, theta_dot, beta, beta_dot/w and the servo's input, which is held."""
     flow = np.zeros((len(plants.a6), N_PLANT + 1, N_PLANT + 1))
     flow[:, 0, 1] = 1.0
     flow[:, 1, 0], flow[:, 1, 2] = plants.a6, plants.k1
@@ -132,9 +135,9 @@ def _flow(plants: Plants) -> np.ndarray:
 
 
 def faddeev(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first row of the adjugate of w I - d, and its determinant, as polynomials in w, falling powers.
+    """Return the first row of the adjugate of w I - d (n, m, n) and its determinant (m, n + 1), polynomials in w.
 
-    d (m, n, n);  returns (n, m, n), power by power, and (m, n + 1)
+    d (m, n, n);  powers fall: along the first axis of the row, along the last of the determinant
     """
     n = d.shape[1]
     rows, determinant = [], [np.ones(len(d))]
@@ -148,7 +151,7 @@ def faddeev(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plants_of(parameters: np.ndarray) -> Plants:
-    """Plants out of rows (m, 5) of a6, k1, natural frequency, damping ratio, delay: a delay below 0 is none."""
+    """Return plants from rows (m, 5) of a6, k1, natural frequency, damping ratio, delay; a delay below 0 becomes 0."""
     a6, k1, frequency, damping, delay = parameters.T
     return Plants(a6, k1, frequency, damping, np.maximum(delay, 0.0))
 

@@ -1,8 +1,8 @@
-"""The margins of a flight's loop with what is not known of it: value, standard deviation, 95 % interval.
+"""Margins of a loop that is known with a covariance: value, standard deviation, 95 % interval.
 
-What is known of a loop is a normal distribution of a6, k1 and the servo's natural frequency, damping ratio and delay.
-A margin is no linear function of them: the phase has a ridge where the gain is the best, the low gain margin in dB has
-none where a6 is 0, an unstable loop has none at all.  So the interval is that of the profile likelihood: the least and
+The loop's a6, k1 and its servo's natural frequency, damping ratio and delay are normally distributed.  A margin is no
+linear function of them: the phase has a ridge where the gain is the best, the low gain margin in dB has none where a6
+is 0, an unstable loop has none at all.  So the interval is that of the profile likelihood: the least and
 the greatest margin over the ellipsoid of INTERVAL standard deviations.  It is exact for whatever is a straight line in
 the parameters, as a limit on a6/k1 is (Fieller, JRSS B 16, 1954), to second order for whatever is not (Hasofer and
 Lind, J. Eng. Mech. Div. 100, 1974, call the same distance the reliability index), and it is the same for a margin in dB
@@ -31,7 +31,7 @@ from .margins import frequency_grid, gain_margins, phase_margins
 
 
 class Margin(NamedTuple):
-    """A margin: its words, its unit, the key of [margins] that requires it, and the sign in which more is better."""
+    """Name and unit of a margin, the key of [margins] that requires it, the sign in which more is better (-1 or 1)."""
 
     words: str
     unit: str
@@ -56,8 +56,8 @@ Judge = Callable[[np.ndarray], np.ndarray]
 
 
 class Interval(NamedTuple):
-    """One margin: at the estimate, its standard deviation (NaN where it is infinite for part of what is possible), and
-    the ends of its 95 % interval; infinite where nothing limits it."""
+    """A margin: value at the estimate, standard deviation (NaN if some possible loop's is infinite), ends low, high of
+    its 95 % interval; infinite where nothing limits it."""
 
     value: float
     std: float
@@ -66,8 +66,8 @@ class Interval(NamedTuple):
 
 
 class Known(NamedTuple):
-    """The knowledge of a loop: mean (5,) and covariance (5, 5) of a6, k1 [1/s^2], natural frequency [rad/s], damping
-    ratio and delay [s] of the servo."""
+    """What is known of a loop: mean (5,) and covariance (5, 5) of a6, k1 [1/s^2] and the servo's natural frequency
+    [rad/s], damping ratio and delay [s]."""
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -75,7 +75,7 @@ class Known(NamedTuple):
 
 @dataclass(frozen=True)
 class Spread:
-    """The margins of a loop that is not known exactly."""
+    """Four margins of a loop that is known with a covariance, and the probability `stable` that it is stable."""
 
     gain_low_db: Interval
     gain_high_db: Interval
@@ -84,12 +84,12 @@ class Spread:
     stable: float          # the probability that the loop is
 
     def ends(self, name: str) -> tuple[float, float]:
-        """The worse and the better end of a margin's interval, more being better."""
+        """Return (worse, better) end of margin `name`'s 95 % interval, its sign turned so that more is better."""
         interval = getattr(self, name)
         return (-interval.high, -interval.low) if MARGINS[name].sign < 0.0 else (interval.low, interval.high)
 
     def below(self, required: Required) -> dict[str, bool]:
-        """Margins whose interval begins below what is required: whether it ends there too."""
+        """Return margin name -> whether its whole interval misses `required`; only margins whose worse end does."""
         misses = {}
         for name, margin in MARGINS.items():
             demand, (least, most) = getattr(required, margin.required), self.ends(name)
@@ -99,7 +99,7 @@ class Spread:
 
 
 def margin_table(many: Loops) -> np.ndarray:
-    """MARGIN_NAMES (m, 4) of m loops: 0 of an unstable one, infinite where nothing limits it."""
+    """Return margins (m, 4) of m loops in order of MARGIN_NAMES: 0 if unstable, infinite where nothing limits one."""
     omega = frequency_grid(many.period, (float(np.max(many.whole)) + 1.0) * many.period)
     gain = many.gain(omega)
     low, high = gain_margins(many, omega, gain, many.static)
@@ -111,7 +111,7 @@ def margin_table(many: Loops) -> np.ndarray:
 
 
 def margin_spread(known: Known, controller: Controller, kp: float | None = None, kd: float | None = None) -> Spread:
-    """The margins of a loop as well as it is known; kp, kd [s] instead of the controller's gains."""
+    """Return margins with 95 % intervals of a loop, from mean and covariance; kp, kd [s] replace the controller's."""
     root = _root(known.covariance)
     count = root.shape[1]
 
@@ -141,7 +141,7 @@ def margin_spread(known: Known, controller: Controller, kp: float | None = None,
 
 
 def ellipsoid(known: Known, count: int) -> np.ndarray:
-    """Parameters (count, 5) on the ellipsoid of INTERVAL standard deviations."""
+    """Return `count` parameter sets (count, 5) on the ellipsoid of INTERVAL standard deviations about the mean."""
     root = _root(known.covariance)
     if root.shape[1] == 0:
         return np.tile(known.mean, (count, 1))
@@ -149,7 +149,7 @@ def ellipsoid(known: Known, count: int) -> np.ndarray:
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:
-    """(5, d): what one standard deviation in each of the d directions that are not known moves the parameters by."""
+    """Return a square root (5, d) of the covariance, one column for each of the d directions that are uncertain."""
     std = np.sqrt(np.diag(covariance))
     scale = np.where(std > 0.0, std, 1.0)
     share, direction = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -158,17 +158,15 @@ def _root(covariance: np.ndarray) -> np.ndarray:
 
 
 def _unit(points: np.ndarray) -> np.ndarray:
-    """Points (n, d) on the unit sphere."""
+    """Return points (n, d), each scaled to the unit sphere."""
     return points / np.linalg.norm(points, axis=1, keepdims=True)
 
 
 @functools.cache
 def normal_points(count: int, dimensions: int) -> np.ndarray:
-    """(count, dimensions) points of a standard normal distribution, evenly spread: each with its mirror image, of unit
-    covariance.
-
-    The additive sequence of the generalised golden ratio (Roberts 2018), through the normal's quantiles.
-    """
+    """Return points (count, dimensions) of a standard normal distribution, evenly spread, read-only: each with its
+    mirror image, of unit covariance, by the golden ratio's generalised additive sequence (Roberts 2018) and normal
+    quantiles."""
     ratio = 2.0
     for _ in range(64):
         ratio = (1.0 + ratio) ** (1.0 / (dimensions + 1.0))
@@ -183,9 +181,9 @@ def normal_points(count: int, dimensions: int) -> np.ndarray:
 
 
 def _extremes(judge: Judge, points: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest (4,) of each margin over the ball of INTERVAL.
+    """Return least and greatest (4,) of each margin over the ball of INTERVAL standard deviations.
 
-    points (n, d) among which they are sought first, those beyond it left out;  table (n, 4) the margins there
+    judge  points -> margins;  points (n, d) to start from, those outside the ball left out;  table (n, 4) margins there
     """
     within = np.linalg.norm(points, axis=1) <= INTERVAL * (1.0 + 1e-9)
     points, table = points[within], table[within]
@@ -211,5 +209,5 @@ def _extremes(judge: Judge, points: np.ndarray, table: np.ndarray) -> tuple[np.n
 
 
 def json_number(x: float) -> float | None:
-    """null for what is not finite."""
+    """Return x, or None (JSON null) if x is not finite."""
     return float(x) if math.isfinite(x) else None

@@ -1,4 +1,4 @@
-"""Classical margins of the discrete loop, cut at the controller's output, at one delta, many, or the worst of a box.
+"""Classical margins of the discrete loop, cut at the controller's output: at one or many delta, or the worst of a box.
 
 The loop gain L(z) is the sampled one (`lft.loop_gain`, `loops.Loops.gain`), so the hold, the sampling and the delay are
 in it exactly.
@@ -35,7 +35,8 @@ BOX_POINTS, BOX_ZOOMS = 5, 2  # of the worst case over a box
 
 
 class Margins(NamedTuple):
-    """Arrays (m,), one entry per loop.  NaN where the loop is unstable; inf where nothing limits it."""
+    """Margins of m loops, arrays (m,): gain as factor below (low) and above 1 (high), phase [rad], delay [s], modulus =
+    least |1 + L|.  NaN where the loop is unstable; inf where nothing limits it."""
 
     stable: np.ndarray       # bool: every eigenvalue of the closed loop inside the unit circle
     gain_low: np.ndarray     # the factor the loop gain may fall to, below 1; 0 if it may vanish
@@ -59,7 +60,7 @@ class Margins(NamedTuple):
 
 
 def frequency_grid(period: float, delay: float) -> np.ndarray:
-    """Increasing omega [rad/s] from near 0 to half the sampling rate, dense enough for `delay` [s]."""
+    """Return increasing omega [rad/s] from near 0 to half the sampling rate, dense enough for a delay [s]."""
     top = math.pi / period
     linear = math.ceil(math.pi * (delay / period + LAG_PERIODS) / PHASE_STEP)
     return np.union1d(np.geomspace(LOWEST * top, top, LOG_POINTS), np.linspace(0.0, top, linear + 1)[1:])
@@ -69,9 +70,9 @@ def crossings(loop: Sampled | Loops, f: Callable[[np.ndarray], np.ndarray], omeg
               gain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find where f(L) changes sign along the grid, by the Illinois secant (Dowell and Jarratt, BIT 11, 1971).
 
-    loop   m of them;  omega (p,) [rad/s] the grid;  gain (m, p) L on it
+    loop   m loops;  omega (p,) [rad/s] the grid;  gain (m, p) L on it
     f      L -> real, sign-changing at the crossing
-    Returns which loop (k,), omega (k,), L there (k,).
+    Return for k crossings: the loop's number (k,), omega (k,) [rad/s], L there (k,).
     """
     value = f(gain)
     above = value > 0.0
@@ -109,7 +110,9 @@ def margins(lft: Lft, delta: np.ndarray | tuple[float, float] = (0.0, 0.0)) -> M
 
 def gain_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray,
                   static: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gain factors next below and above 1 (m,) at which 1 + g L = 0: where L is real."""
+    """Return the gain factors g (m,) next below and above 1 at which 1 + g L = 0 (L real): 0 and inf if there are none.
+
+    omega (p,) [rad/s];  gain (m, p) L on it;  static (m,) the factor at z = 1"""
     inside = slice(0, -1)    # the last frequency is z = -1, where L is real
     which, _, at = crossings(loop, np.imag, omega[inside], gain[:, inside])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -125,7 +128,8 @@ def gain_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray,
 
 
 def phase_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least phase margin [rad] and delay margin [s] (m,): where |L| = 1."""
+    """Return the least phase margin [rad] and delay margin [s] (m,) where |L| = 1; inf if it never is.  gain (m, p): L
+    at omega (p,) [rad/s]."""
     which, at_omega, at = crossings(loop, lambda x: x.real**2 + x.imag**2 - 1.0, omega, gain)
     phase, delay = np.full(len(gain), np.inf), np.full(len(gain), np.inf)
     np.minimum.at(phase, which, np.abs(np.angle(-at)))
@@ -134,7 +138,7 @@ def phase_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray) ->
 
 
 def _modulus_margin(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """Least |1 + L| (m,): around the grid's least, zoomed in."""
+    """Return the least |1 + L| (m,), sought around the least on the grid."""
     least = np.argmin(np.abs(1.0 + gain), axis=1)
     low, high = omega[np.maximum(least - 1, 0)], omega[np.minimum(least + 1, len(omega) - 1)]
     every = np.arange(len(gain))
@@ -149,10 +153,10 @@ def _modulus_margin(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray) 
 
 def worst_margins(lft: Lft, centre: tuple[float, float] = (0.0, 0.0),
                   radius: tuple[float, float] = (1.0, 1.0)) -> Margins:
-    """Worst of each margin over the box centre +- radius of delta, arrays (1,).
+    """Return the worst of each margin over the box centre +- radius of delta, arrays (1,).
 
     Vertices, edges and inside on a grid, then finer grids around each worst: exact where the worst is a vertex (the
-    gain margins at these vehicles), else within the last grid's step.  Any unstable loop on the grid: unstable.
+    gain margins at these vehicles), else within the last grid's step.  NaN if a loop on the grid is unstable.
     """
     middle, half = np.asarray(centre, dtype=float), np.asarray(radius, dtype=float)
     low, high = middle - half, middle + half
@@ -174,7 +178,7 @@ def worst_margins(lft: Lft, centre: tuple[float, float] = (0.0, 0.0),
 
 def margins_over_time(nominal: Nominal, times: np.ndarray, centre: np.ndarray | tuple[float, float] = (0.0, 0.0),
                       radius: np.ndarray | tuple[float, float] = (1.0, 1.0)) -> Margins:
-    """Worst margins (n,) at times (n,) [s] over the box centre +- radius of delta, each (2,) or (n, 2).
+    """Return the worst margins (n,) at times (n,) [s] over the box centre +- radius of delta, each (2,) or (n, 2).
 
     The full box is what is known before identification; after it, centre and radius are the estimate and its
     half-width in delta.

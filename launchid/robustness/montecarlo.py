@@ -1,4 +1,4 @@
-"""Flights of the Monte Carlo: scenarios over the box and beyond it, with the legacy gains and with rescheduled ones.
+"""Flights of the Monte Carlo: scenarios inside and beyond the box, with legacy and with rescheduled gains.
 
 Scenarios, each with the job's delta as a constant deviation a = a_0 (1 + sigma delta) on top:
     box      nothing else
@@ -33,13 +33,13 @@ _nominal = functools.cache(load_nominal)
 
 
 def event_time(nominal: Nominal) -> float:
-    """The time at which the scenario begins [s]."""
+    """Return when [s] a scenario changes a6 or k1: at the largest a6; CONSTANT_EVENT for a constant nominal."""
     profile = nominal.vehicle
     return CONSTANT_EVENT if len(profile.t) == 1 else float(profile.t[np.argmax(profile.a6)])
 
 
 def factors(nominal: Nominal, job: Job) -> tuple[Factor, Factor]:
-    """The true a6 and k1 over the nominal's."""
+    """Return the true a6 and k1 over the nominal's, as functions of t [s]; UsageError for an unknown scenario."""
     if job.scenario not in SCENARIOS:
         raise UsageError(f"scenario {job.scenario!r}: expected one of {', '.join(SCENARIOS)}")
     rise = RISE if job.scenario in ("a6-up", "both") else 0.0
@@ -52,8 +52,8 @@ def factors(nominal: Nominal, job: Job) -> tuple[Factor, Factor]:
 
 
 def compare_gains(job: Job, nominal: Nominal | None = None) -> dict[str, float | int | str]:
-    """One vehicle flown twice, with the same noise: legacy and reconfigured; of another nominal than the job names,
-    if one is given."""
+    """Fly one vehicle twice, with the same noise; return figures of the flight with legacy and with reconfigured gains.
+    nominal: instead of the one the job names."""
     nominal = nominal or _nominal(job.nominal)
     a6_factor, k1_factor = factors(nominal, job)
     legacy = fly_legacy(nominal, job.seed, a6_factor, k1_factor)
@@ -65,10 +65,8 @@ def compare_gains(job: Job, nominal: Nominal | None = None) -> dict[str, float |
 
 
 def figures(flown: Flown) -> dict[str, float | int]:
-    """lost; when the log ends [s]; root mean squares of theta - theta_ref [rad], beta [rad], beta' [rad/s].
-
-    Of the true attitude and nozzle; beta' from the nozzle's steps between rows.
-    """
+    """Return lost (0, 1), end of the log [s], rms of true theta - theta_ref [rad], true beta [rad], its rate [rad/s]
+    from row to row."""
     def rms(x: np.ndarray) -> float:
         return math.sqrt(float(np.mean(x**2)))
 
@@ -79,7 +77,7 @@ def figures(flown: Flown) -> dict[str, float | int]:
 
 
 def identify(job: Job) -> dict[str, float | int | str]:
-    """One vehicle flown with the legacy gains and identified in windows of FLIGHT_WINDOW, the filtered formulation."""
+    """Fly a vehicle with legacy gains, identify it in windows of FLIGHT_WINDOW; return counts, truth, last tracked."""
     nominal = _nominal(job.nominal)
     a6_factor, k1_factor = factors(nominal, job)
     flight = fly_whole(nominal, job.seed, a6_factor=a6_factor, k1_factor=k1_factor)

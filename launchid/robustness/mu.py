@@ -44,7 +44,8 @@ MU_SECTIONS, POWER_ROUNDS = 16, 10  # of a bracket in omega: 1e-12 of it is left
 
 @dataclass(frozen=True, eq=False)
 class Mu:
-    """Structured singular value over a box, and the nearest delta that destabilises."""
+    """Bounds lower <= mu <= upper over a box at t [s]; inf if its centre is not `stable`.  delta (2,) of a6, k1: the
+    nearest that destabilises; omega [rad/s] of its root."""
 
     t: float              # s
     stable: bool          # at the centre; if not, lower = upper = inf
@@ -55,12 +56,12 @@ class Mu:
 
     @property
     def margin(self) -> tuple[float, float]:
-        """Bounds of 1/mu: how many times the box may grow about its centre."""
+        """Return the bounds (low, high) of 1/mu: by what factor the box may grow about its centre."""
         return 1.0 / self.upper, 1.0 / self.lower
 
 
 class Box(NamedTuple):
-    """A loop and the box of delta around it; p and q are its coordinates, +-1 on its sides."""
+    """A loop and the box centre (2,) +- radius (2,) of delta; p (a6), q (k1) are delta scaled to +-1 on its sides."""
 
     lft: Lft
     centre: np.ndarray    # (2,) delta
@@ -68,7 +69,7 @@ class Box(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Rectangles of (p, omega), arrays (m,); omega_low = omega_high is a piece of the line z = -1."""
+    """m rectangles of (p, omega [rad/s]), p = scaled delta of a6; omega_low = omega_high: piece of the line z = -1."""
 
     p_low: np.ndarray
     p_high: np.ndarray
@@ -87,13 +88,14 @@ class Cells(NamedTuple):
         return Cells(*(np.concatenate(pair) for pair in zip(below, area, strict=True)))
 
     def points(self) -> tuple[np.ndarray, np.ndarray]:
-        """p (m, 3) and omega (m, 3) of the 3 x 3 points."""
+        """Return p (m, 3) and omega (m, 3) of the 3 x 3 points of each cell: low end, middle, high end."""
         return (np.stack([self.p_low, 0.5 * (self.p_low + self.p_high), self.p_high], axis=-1),
                 np.stack([self.omega_low, 0.5 * (self.omega_low + self.omega_high), self.omega_high], axis=-1))
 
 
 class Found(NamedTuple):
-    """A point of the boundary, in the box's coordinates."""
+    """Point of the stability boundary: (p, q) = scaled delta of (a6, k1), r = max(|p|, |q|), its root's omega
+    [rad/s]."""
 
     r: float
     p: float
@@ -103,7 +105,7 @@ class Found(NamedTuple):
 
 def mu(nominal: Nominal, t: float, centre: tuple[float, float] = (0.0, 0.0),
        radius: tuple[float, float] = (1.0, 1.0)) -> Mu:
-    """Bounds of mu at time t [s] over the box centre +- radius of (delta_a6, delta_k1).
+    """Return bounds of mu at time t [s] over the box centre +- radius of (delta_a6, delta_k1).
 
     Raises ValueError: radius not above 0, centre not finite; InputError as `lft_at`.
     """
@@ -119,7 +121,7 @@ def mu(nominal: Nominal, t: float, centre: tuple[float, float] = (0.0, 0.0),
 
 def mu_over_time(nominal: Nominal, times: np.ndarray, centre: np.ndarray | tuple[float, float] = (0.0, 0.0),
                  radius: np.ndarray | tuple[float, float] = (1.0, 1.0)) -> list[Mu]:
-    """mu at times (n,) [s]; centre and radius (2,) or (n, 2): the full box, or the identified one."""
+    """Return mu at times (n,) [s] over the box centre +- radius of (delta_a6, delta_k1), each (2,) or (n, 2)."""
     centres, radii = (np.broadcast_to(np.asarray(x, dtype=float), (len(times), 2)) for x in (centre, radius))
     return [mu(nominal, float(t), tuple(c), tuple(r)) for t, c, r in zip(times, centres, radii, strict=True)]
 
@@ -135,7 +137,7 @@ def _static(box: Box) -> Found:
 
 
 def _needed(box: Box, p: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Complex q (..., k) that puts a root at omega (..., k) [rad/s] when p is (...)."""
+    """Return complex q (..., k) that puts a root at omega (..., k) [rad/s] when p is (...); real on the boundary."""
     delta = np.stack([box.centre[0] + box.radius[0] * p, np.full_like(p, box.centre[1])], axis=-1)
     sigma = box.lft.sigma[1]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -144,7 +146,7 @@ def _needed(box: Box, p: np.ndarray, omega: np.ndarray) -> np.ndarray:
 
 
 def _search(box: Box, best: Found) -> tuple[Found, float]:
-    """Branch and bound from a boundary point: a nearest one, and a size below which there is none."""
+    """Return a nearest boundary point and a lower bound of its r, by branch and bound from boundary point `best`."""
     cells, q = _first_cells(box, best.r)
     floor = math.inf
     for _ in range(SPLITTINGS):
@@ -162,7 +164,7 @@ def _search(box: Box, best: Found) -> tuple[Found, float]:
 
 
 def _first_cells(box: Box, r: float) -> tuple[Cells, np.ndarray]:
-    """Cells over |p| <= r and all frequencies, with q (m, 3, 3) at their points (evaluated once where shared)."""
+    """Return cells over |p| <= r and all frequencies, and q (m, 3, 3) at their points (evaluated once where shared)."""
     top = math.pi / box.lft.period
     turns = math.ceil(math.pi * (box.lft.delay / box.lft.period + LAGS) / MU_PHASE_STEP)
     edges = np.union1d(np.geomspace(LOWEST, HIGHEST_MU, LOG_CELLS + 1),
@@ -182,20 +184,20 @@ def _first_cells(box: Box, r: float) -> tuple[Cells, np.ndarray]:
 
 
 def _survey(box: Box, cells: Cells) -> np.ndarray:
-    """q (m, 3, 3) at the points of the cells: p along axis 1, omega along axis 2."""
+    """Return q (m, 3, 3) at the points of the cells: p along axis 1, omega along axis 2."""
     p, omega = cells.points()
     return _needed(box, p, np.repeat(omega[:, None], 3, axis=1))
 
 
 def _imaginary(box: Box, cells: Cells, q: np.ndarray) -> np.ndarray:
-    """Im q/sin(omega T) (m, 3, 3), smooth and even at both ends of the circle; 0 on the line z = -1."""
+    """Return Im q/sin(omega T) (m, 3, 3), smooth and even at both ends of the circle; 0 on the line z = -1."""
     _, omega = cells.points()
     line = cells.omega_low == cells.omega_high
     return np.where(line[:, None, None], 0.0, q.imag / np.sin(omega * box.lft.period)[:, None])
 
 
 def _range(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest (m,) of x (m, 3, 3) over the cell: over its points, widened by their deviation."""
+    """Return least and largest (m,) of x (m, 3, 3) over each cell: over its points, widened by their deviation."""
     middle = 0.5 * (x[:, :, :1] + x[:, :, 2:])
     plane = np.concatenate([x[:, :, :1], middle, x[:, :, 2:]], axis=2)
     bilinear = np.concatenate([plane[:, :1], 0.5 * (plane[:, :1] + plane[:, 2:]), plane[:, 2:]], axis=1)
@@ -204,12 +206,12 @@ def _range(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _distance(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The distance of 0 from the interval; 0 where an end is not finite (nothing is known there)."""
+    """Return the distance of 0 from [low, high]; 0 where an end is not finite (nothing is known there)."""
     return np.where(np.isfinite(low) & np.isfinite(high), np.maximum(0.0, np.maximum(low, -high)), 0.0)
 
 
 def _least(box: Box, cells: Cells, q: np.ndarray) -> np.ndarray:
-    """Least size r (m,) at which a boundary point can lie in each cell; inf where none can.
+    """Return the least size r (m,) at which a boundary point can lie in each cell; inf where none can.
 
     On the boundary Im F = 0, so Re F may be replaced by Re F - slope Im F: with the cell's slope along omega that
     hardly varies with omega, and the cell need not be small to be judged.
@@ -226,7 +228,7 @@ def _least(box: Box, cells: Cells, q: np.ndarray) -> np.ndarray:
 
 
 def _improve(box: Box, cells: Cells, q: np.ndarray, known: Found) -> Found:
-    """The best boundary point on the cells' rows of constant p, if it is nearer than `found`."""
+    """Return the nearest boundary point on the cells' rows of constant p, or `known` if that is nearer."""
     y, (p, omega) = _imaginary(box, cells, q), cells.points()
     line = np.flatnonzero(cells.omega_low == cells.omega_high)
     size = np.maximum(np.abs(p[line]), np.abs(q.real[line, :, 0]))
@@ -249,7 +251,7 @@ def _improve(box: Box, cells: Cells, q: np.ndarray, known: Found) -> Found:
 
 
 def _refine(box: Box, p: float, low: float, high: float) -> Found:
-    """The boundary point at p between two frequencies [rad/s] where Im F changes sign, on the exact response."""
+    """Return the boundary point at p between two frequencies [rad/s] where Im F changes sign, on the exact response."""
     where = np.array(p)
     for _ in range(POWER_ROUNDS):
         omega = np.linspace(low, high, MU_SECTIONS + 1)

@@ -69,7 +69,7 @@ NOT_SURE = 0.15       # std of wn^2 relative to itself; a box of sigma 0.25 alon
 
 
 class Belief(NamedTuple):
-    """The supervisor's a6 and k1 over the nominal's; (1, 1) is the nominal."""
+    """The scheduler's a6 and k1, each as a ratio to the nominal's; (1, 1) is the nominal."""
 
     a6: float
     k1: float
@@ -80,7 +80,7 @@ NOMINAL_BELIEF = Belief(1.0, 1.0)
 
 @dataclass(frozen=True)
 class Rule:
-    """The gain schedule of one nominal: its legacy gains, and those for another a6 and k1."""
+    """The gain schedule of one nominal: PD gains for a given a6 and k1.  InputError unless kp, kd > 0 and k1 < 0."""
 
     nominal: Nominal
 
@@ -94,18 +94,18 @@ class Rule:
 
     @property
     def legacy(self) -> tuple[float, float]:
-        """(kp, kd [s]) of the nominal file."""
+        """Return (kp, kd [s]) of the nominal file."""
         controller = self.nominal.controller
         assert controller is not None
         return controller.kp, controller.kd
 
     def at(self, t: float) -> tuple[float, float]:
-        """The nominal's (a6, k1) [1/s^2] at t [s]."""
+        """Return the nominal's (a6, k1) [1/s^2] at t [s]."""
         a6, k1 = self.nominal.vehicle.at(np.array(t))
         return float(a6), float(k1)
 
     def gains(self, t: float, belief: Belief) -> tuple[float, float]:
-        """(kp, kd [s]) with the legacy loop's bandwidth and damping at t [s] for this belief, within the limits.
+        """Return (kp, kd [s]) with the legacy loop's bandwidth and damping at t [s] for this belief, within the limits.
 
         Written as what changes against the legacy gains, so that the nominal's belief gives them to the bit.
         """
@@ -119,7 +119,7 @@ class Rule:
         return min(max(new_kp, MIN_GAIN * kp), MAX_GAIN * kp), min(max(new_kd, MIN_GAIN * kd), MAX_GAIN * kd)
 
     def spread(self, t: float, tracked: Tracked) -> float:
-        """Standard deviation of wn^2 = kp |k1| - a6, relative, that gains from this estimate would have."""
+        """Return the relative std of wn^2 = kp |k1| - a6 at t [s], with gains chosen from the tracked a6 and k1."""
         kp, _ = self.legacy
         a6_0, k1_0 = self.at(t)
         wn2 = max(kp * abs(k1_0) - a6_0, MIN_BANDWIDTH**2)
@@ -128,22 +128,22 @@ class Rule:
         return math.sqrt(max(s_a**2 + s_k**2 + 2.0 * tracked.a6_k1_corr * s_a * s_k, 0.0)) / wn2
 
     def spread_of_k1(self, t: float, tracked: Tracked) -> float:
-        """The same of gains from its k1 and the nominal's a6, a6 being what it may."""
+        """Return the relative std of wn^2 = kp |k1| - a6 at t [s] from k1's error alone, with a6 the nominal's."""
         kp, _ = self.legacy
         a6_0, k1_0 = self.at(t)
         wn2 = max(kp * abs(k1_0) - a6_0, MIN_BANDWIDTH**2)
         return (wn2 + a6_0) * tracked.k1_std / abs(tracked.k1) / wn2
 
     def missed(self, t: float, tracked: Tracked) -> float:
-        """The relative loss of the legacy gains' wn^2, from that at the nominal, if the tracked estimate is true."""
+        """Return by what share the legacy gains' wn^2 = kp |k1| - a6 falls below the nominal's if `tracked` is true."""
         kp, _ = self.legacy
         a6_0, k1_0 = self.at(t)
         wn2 = kp * abs(k1_0) - a6_0
         return (wn2 - (kp * abs(tracked.k1) - tracked.a6)) / max(wn2, MIN_BANDWIDTH**2)
 
     def believe(self, t: float, tracked: Tracked | None) -> Belief | None:
-        """The tracked estimate at t [s] as ratios, that of a6 1 if k1 alone is known; None when it is invalid or too
-        uncertain."""
+        """Return the tracked a6 and k1 at t [s] as ratios to the nominal's (a6: 1 if only k1 is certain enough); None
+        if the estimate is missing, invalid or too uncertain."""
         if tracked is None or not tracked.valid or not all(map(math.isfinite, tracked)) or tracked.k1 >= 0.0:
             return None
         a6_0, k1_0 = self.at(t)
@@ -157,7 +157,7 @@ class Rule:
 
 
 class Scheduler:
-    """A scheduler beside the controller: a belief in, gains out."""
+    """A gain scheduler beside the controller: belief of a6 and k1 from samples, and the gains (kp, kd [s]) in use."""
 
     def __init__(self, nominal: Nominal) -> None:
         self.rule = Rule(nominal)
@@ -165,15 +165,15 @@ class Scheduler:
         self.gains = self.rule.legacy
 
     def take(self, samples: list[Sample]) -> None:
-        """New samples, one at least."""
+        """Update the belief from new samples, one at least; a subclass says how."""
         raise NotImplementedError
 
     def target(self, t: float) -> tuple[float, float]:
-        """The gains asked for at t [s]."""
+        """Return the gains (kp, kd [s]) that the rule gives the present belief at t [s]."""
         return self.rule.gains(t, self.belief)
 
     def move(self, target: tuple[float, float], dt: float) -> tuple[float, float]:
-        """The gains dt [s] later, on their way to the target at GAIN_RATE."""
+        """Move the gains towards `target` for dt [s], at most GAIN_RATE; store and return them (kp, kd [s])."""
         kp, kd = (now + min(max(to - now, -GAIN_RATE * legacy * dt), GAIN_RATE * legacy * dt)
                   for now, to, legacy in zip(self.gains, target, self.rule.legacy, strict=True))
         self.gains = kp, kd
@@ -181,7 +181,7 @@ class Scheduler:
 
 
 class Decision(NamedTuple):
-    """A decision at t [s]: whether gains (kp, kd [s]) were adopted, and why not."""
+    """Whether the gate adopts gains (kp, kd [s]) at t [s]; reason: the margins that they miss, "" if none."""
 
     t: float
     adopted: bool
@@ -190,7 +190,7 @@ class Decision(NamedTuple):
 
 
 class Gate:
-    """The gate that lets gains pass only if the required margins hold with them."""
+    """Lets new gains pass only if the nominal's required margins hold with them, or the legacy gains keep less."""
 
     def __init__(self, nominal: Nominal) -> None:
         self.nominal = nominal
@@ -198,8 +198,8 @@ class Gate:
         self.last = Decision(-math.inf, True, (math.nan, math.nan), "")
 
     def judge(self, t: float, tracked: Tracked, gains: tuple[float, float], servo: Servo | None = None) -> Decision:
-        """The decision about these gains at t [s], behind this servo or the declared one; that before, where hardly
-        anything has moved since."""
+        """Return the decision on gains (kp, kd [s]) at t [s] behind `servo` (None: as declared); the last decision
+        again if it is younger than JUDGEMENT_LASTS and the gains have moved less than MOVED."""
         servo = self.declared if servo is None else servo
         near = all(abs(new / old - 1.0) < MOVED for new, old in zip(gains, self.last.gains, strict=True))
         if near and t - self.last.t < JUDGEMENT_LASTS:
@@ -218,7 +218,7 @@ class Gate:
 
 
 class Supervisor(Scheduler):
-    """The scheduler that flies: it believes the estimator at once, if the gate lets the gains pass."""
+    """The scheduler that flies: it believes the on-board estimator, unless the gate refuses the gains that follow."""
 
     def __init__(self, nominal: Nominal, sample_period: float) -> None:
         super().__init__(nominal)
@@ -229,7 +229,7 @@ class Supervisor(Scheduler):
                                           formulation="filtered", model=onboard_model(nominal)))
 
     def take(self, samples: list[Sample]) -> None:
-        """The estimator's samples."""
+        """Feed samples to the estimator; after each closed window update the belief, and note the gate's decision."""
         for sample in samples:
             if self.estimator.update(sample) == Status.WINDOW_COMPLETE:
                 estimate = self.estimator.estimate()
@@ -239,7 +239,8 @@ class Supervisor(Scheduler):
                 self.belief = self.passed(estimate, self.rule.believe(estimate.t_end, estimate.tracked) or held)
 
     def passed(self, estimate: Estimate, belief: Belief) -> Belief:
-        """The belief, or the nominal's where the gate refuses the gains that it asks for; what changes is noted."""
+        """Return the belief, or the nominal's if the gate refuses its gains; a change of adoption goes to
+        `decisions`."""
         gains = self.rule.gains(estimate.t_end, belief)
         if gains == self.rule.legacy or estimate.tracked is None:
             return belief
@@ -250,23 +251,23 @@ class Supervisor(Scheduler):
 
 
 class Knowing(Scheduler):
-    """A scheduler that no estimator can beat: it gets the true ratios, TRUTH_DELAY.  It shows which losses the rule
-    itself
-    leaves."""
+    """A scheduler that believes the true ratios of a6 and k1, TRUTH_DELAY late: no estimator can do better, so the
+    flights that it loses are lost by the rule itself."""
 
     def __init__(self, nominal: Nominal, a6_factor: Factor, k1_factor: Factor) -> None:
         super().__init__(nominal)
         self.factors = a6_factor, k1_factor
 
     def take(self, samples: list[Sample]) -> None:
-        """The last sample's time alone."""
+        """Set the belief to the true factors at the last sample's time less TRUTH_DELAY."""
         t = np.array(max(samples[-1].t - TRUTH_DELAY, 0.0))
         self.belief = Belief(*(float(factor(t)) if callable(factor) else factor for factor in self.factors))
 
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """A flight in closed loop: its rows (n, columns of `record.ROW`) and the gains (n, 2) that made them."""
+    """A flight in closed loop: log rows (n,) of dtype `record.LOG_ROW`, `period` [s] apart, and the gains (n, 2) kp, kd
+    [s] flown; the estimator's sudden changes and the gate's decisions."""
 
     rows: np.ndarray
     gains: np.ndarray
@@ -276,12 +277,12 @@ class Flown:
     decisions: tuple[Decision, ...] = ()  # of the gate
 
     def column(self, name: str) -> np.ndarray:
-        """A column of the log, SI."""
+        """Return column `name` of the log (n,), SI units."""
         return self.rows[name]
 
 
 def fly_legacy(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flown:
-    """The flight with the nominal's own gains."""
+    """Fly the nominal with its own gains; the factors multiply its a6 and k1."""
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
     state = vehicle.flight[0]
     every = int(state.log_every)
@@ -294,9 +295,9 @@ def fly_legacy(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_fact
 
 def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0,
                      believed: Nominal | None = None) -> Flown:
-    """The flight whose gains follow the estimates; the same noise as `fly_legacy`'s, draw for draw.
+    """Fly with gains that follow the estimates, with the noise of `fly_legacy`; the factors multiply a6 and k1.
 
-    believed   what the supervisor knows, if it is not the nominal that flies
+    believed   the nominal that the supervisor uses, if it is not the one that flies
     """
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
     state = vehicle.flight[0]
@@ -306,13 +307,13 @@ def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k
 
 
 def fly_knowing(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flown:
-    """The flight whose gains follow the truth, TRUTH_DELAY; the same noise again."""
+    """Fly with gains that follow the true a6 and k1, TRUTH_DELAY late; the same noise as `fly_legacy`."""
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
     return _fly(vehicle, steps, Knowing(nominal, a6_factor, k1_factor))
 
 
 def _fly(vehicle: Vehicle, steps: int, scheduler: Scheduler) -> Flown:
-    """The whole flight, the scheduler beside it."""
+    """Fly `steps` steps with the scheduler's gains; it sees new rows every SUPERVISION seconds."""
     state = vehicle.flight[0]
     h, every, tick = float(state.step), int(state.log_every), int(state.control_every)
     rows = np.empty(-(-steps // every), LOG_ROW)
@@ -332,7 +333,8 @@ def _fly(vehicle: Vehicle, steps: int, scheduler: Scheduler) -> Flown:
 
 def _fly_turn(vehicle: Vehicle, scheduler: Scheduler, ticks: range, rows: np.ndarray,
               gains: np.ndarray) -> None:
-    """The controller's periods (as steps) until the supervisor looks again; in one go once the gains are there."""
+    """Fly the steps of `ticks`, a controller period each (in one go once the gains are settled); write rows and
+    gains."""
     state = vehicle.flight[0]
     target = scheduler.target(ticks.start * state.step)
     for start in ticks:
@@ -346,6 +348,6 @@ def _fly_turn(vehicle: Vehicle, scheduler: Scheduler, ticks: range, rows: np.nda
 
 
 def _sample(row: tuple[float, ...]) -> Sample:
-    """A row as the estimator's sample: what the sensors read, and the logged command."""
+    """Return a log row as the estimator's sample: what the sensors read, and the logged command."""
     t, _, beta_cmd, beta, theta, theta_dot = row[:6]
     return Sample(round(t, CLOCK_DIGITS), theta, theta_dot, beta, math.nan, beta_cmd)

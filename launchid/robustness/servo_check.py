@@ -1,10 +1,10 @@
-"""Does the nozzle answer the logged commands as the servo of the margins does, in every window?
+"""Test in every window whether the nozzle answers the logged commands as the servo of the margins does.
 
 A Kalman filter of the servo alone follows the nozzle's sensor, driven by the logged commands and the declared noise of
 command and sensor.  If the servo is the one assumed, its whitened innovations are white; a servo of another frequency,
 damping ratio, delay or gain, and one with play, adds what a small change of that number would.  Rao's score test (Proc.
-Camb. Phil. Soc. 44, 1948) asks for all five at once, beside a constant that means nothing: in blocks of a second, in
-the window, and in it with what came before, which fades.  What is not known of an estimated servo widens the test.  So
+Camb. Phil. Soc. 44, 1948) asks for all five at once, with a free constant: in blocks of a second, in
+the window, and in the window with earlier ones, which fade.  The uncertainty of an estimated servo widens the test.  So
 a servo that changes in flight shows as soon as its own answer and the estimate part.
 """
 
@@ -41,7 +41,7 @@ USUAL = [0, 1, 2, 3, 5]  # of ASKED and a constant: all but play
 
 @kernel
 def move(x, p, f, work):
-    """x <- f x, p <- f p f'.  x (3,), p (3, 3) inout, f (3, 3) in, work (3, 3) scratch"""
+    """Predict a Kalman filter: x <- f x, p <- f p f'.  x (3,), p (3, 3) inout, f (3, 3) in, work (3, 3) scratch"""
     for a in range(3):
         work[a] = f[a, 0] * p[0] + f[a, 1] * p[1] + f[a, 2] * p[2]
     for a in range(3):
@@ -53,7 +53,7 @@ def move(x, p, f, work):
 
 @kernel
 def follow(t, beta, at, command, servo, noise, most_gap, frozen, e, s, gain):
-    """Innovations of the nozzle's sensor behind a servo.
+    """Run a Kalman filter of the servo along a log; write the innovations of the nozzle's sensor.
 
     t, beta (n,)       in     rows [s], [rad], NaN where not measured
     at, command (m,)   in     when each command was issued [s], the command [rad], NaN where not known
@@ -110,7 +110,7 @@ def follow(t, beta, at, command, servo, noise, most_gap, frozen, e, s, gain):
 
 @kernel
 def played(half_width, command, out):
-    """What is left of commands (m,) [rad] behind a play of +-half_width [rad]; out (m,)."""
+    """Write to out (m,) what commands (m,) [rad] become behind a play of +-half_width [rad]; NaN stays NaN."""
     w = command[0]
     for k in range(command.shape[0]):
         w = w if math.isnan(command[k]) else command[k] if math.isnan(w) else play(half_width, command[k], w)
@@ -119,11 +119,11 @@ def played(half_width, command, out):
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a window tells of its servo.
+    """Evidence of a window about its servo, for the score test.
 
     score (6,), information (6, 6)  of ASKED and a constant
-    left             mean square of the whitened innovations beside the best numbers
-    numbers, std (4,)  the best ln frequency, damping ratio, delay [s] and gain less the servo's, without play
+    left             mean square of the whitened innovations after a fit of all six
+    numbers, std (4,)  fitted ln frequency, damping ratio, delay [s] and gain less the servo's, without play
     blocks           largest statistic of a block
     """
 
@@ -137,7 +137,7 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """The commands and the nozzle of a log, as `follow` takes them; half of a play [rad] that shows."""
+    """Rows t, beta [s, rad] and commands (at [s], command [rad]) of a log; half_width [rad]: half a play that shows."""
 
     t: np.ndarray
     beta: np.ndarray
@@ -148,8 +148,9 @@ class Followed:
     half_width: float
 
     def answer(self, t_start: float, t_end: float, servo: np.ndarray, doubt: np.ndarray) -> Answer | None:
-        """What the rows from t_start to t_end [s] tell of a servo (4,), its gain the last, the others being known to
-        doubt (3, 3); None: too few do."""
+        """Return the evidence of rows from t_start to t_end [s] about servo (4,) = frequency [rad/s], damping ratio,
+        delay [s], gain; doubt (3, 3) = covariance of (ln frequency, damping, delay).  None if fewer than
+        MIN_INNOVATIONS rows tell."""
         rows = (self.t >= t_start) & (self.t < t_end)
         t, beta = self.t[rows], self.beta[rows]
         n = len(t)
@@ -187,8 +188,8 @@ class Followed:
                       (inverse @ score[USUAL])[:4], np.sqrt(np.diag(inverse)[:4]), worst)
 
     def own(self, t_start: float, t_end: float, servo: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """The servo (4,) that the rows from t_start to t_end [s] show, its standard deviations (4,), and what it leaves
-        of the declared noise; sought from a servo (4,) by Gauss and Newton."""
+        """Fit the servo (4,) to rows from t_start to t_end [s] by Gauss-Newton, from `servo`; return it, its standard
+        deviations (4,), and the noise left as a multiple of the declared.  None if too few rows tell."""
         found = self.answer(t_start, t_end, servo, np.zeros((3, 3)))
         for _ in range(FIT_ROUNDS):
             if found is None:
@@ -203,9 +204,9 @@ class Followed:
 
 
 def statistic(score: np.ndarray, information: np.ndarray, variance: np.ndarray, doubt: np.ndarray) -> float:
-    """Score test of ASKED, the constant being free.
+    """Return the score test's chi square for the five of ASKED, a constant being free.
 
-    score (6,), information (6, 6);  variance (6, 6) of the score;  doubt (3, 3) of the servo that it is about
+    score (6,), information (6, 6);  variance (6, 6) of the score;  doubt (3, 3) covariance of the servo under test
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(variance), 1e-300))
     g, total = score * scale, variance + information[:, :3] @ doubt @ information[:3]
@@ -216,7 +217,7 @@ def statistic(score: np.ndarray, information: np.ndarray, variance: np.ndarray, 
 
 
 def followed(log: Log, model: Model) -> Followed | str:
-    """The commands and the nozzle of a log, or in words why its servo cannot be asked for."""
+    """Return the commands and the nozzle of a log for the servo test, or in words why the log allows none."""
     there = np.isfinite(log.beta_cmd) & np.isfinite(log.beta)
     if not there.any():
         return f"the log has no {'beta_cmd' if not np.isfinite(log.beta_cmd).any() else 'beta'}"
@@ -242,16 +243,16 @@ Servos = Sequence[tuple[np.ndarray, np.ndarray]]   # mean (3,): frequency, dampi
 
 @dataclass(frozen=True)
 class Judgement:
-    """Which windows contradict their servos, None: cannot be asked; and the differences of natural frequency [rad/s],
-    damping ratio and delay [s] that the most telling of them would have shown."""
+    """found: for each window whether it contradicts its servo, None if it cannot be tested; shown (3,): differences of
+    natural frequency [rad/s], damping ratio and delay [s] that the most telling window would have shown."""
 
     found: list[bool | None]
     shown: np.ndarray
 
 
 def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], servos: Servos) -> Judgement:
-    """Ask every window.  The silence of one in which the servo that others show would not have been seen tests nothing:
-    it contradicts as they do."""
+    """Test the servo in every window (t_start, t_end [s]).  A window too weak to see the servo that contradicting
+    windows show counts as one of them."""
     answers, about, doubts = [], [], []
     for (t_start, t_end), (mean, covariance) in zip(windows, servos, strict=True):
         unit = np.array([1.0 / mean[0], 1.0, 1.0])
@@ -295,7 +296,7 @@ def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], ser
 
 
 def words(follow: Followed, window: tuple[float, float], servo: np.ndarray) -> str:
-    """The servo that a window shows in place of this one (3,), sought from several delays."""
+    """Describe in words the servo that best fits a window (t_start, t_end [s]); starts: `servo` (3,), longer delays."""
     found = [follow.own(*window, np.append(servo + np.array([0.0, 0.0, later]), 1.0)) for later in STARTS]
     tried = [each for each in found if each is not None]
     if not tried:
