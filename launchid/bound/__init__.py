@@ -1,10 +1,10 @@
-"""The Cramer-Rao bound: the least error any unbiased estimator can have on a window of data.
+"""Cramer-Rao bound: the least error that an unbiased estimator of a6 and k1 can have on a window of data.
 
 Unknown: a constant relative deviation of a6 and of k1 from the nominal's profile
 over the window, the vehicle's state at its start (diffuse), and what [wind] and
 [offsets] leave open: the wind's walk and turbulence, misalignment, moment and
 sensor offsets, at the window's start no better known than before the flight.
-Of the actuator, what [actuator] gives a sigma of is unknown beside them: natural
+Of the actuator, the numbers with a sigma in [actuator] are unknown too: natural
 frequency, damping ratio, delay.
 Known: the command, the rest of the actuator, the flight path, and the levels of the noises
 (sensor noise as measurement noise; command noise and unmodelled acceleration as
@@ -32,6 +32,6 @@ default it is the law of the acceleration a6 w that is known, at the true a6.
 Limitation: in calm air the information in the innovations' covariance is left out; on
 these vehicles it is below 0.1 %.
 
-`world`: what is not known but the vehicle; `step`: a step's transition and noise; `information`: the filter, its
-sensitivities and what they tell; `matrices`: bounds out of that; `flights`: of the flights of a nominal.
+Files: `world` (states of wind, offsets, flight path), `step` (transition and noise of a step), `information` (filter,
+sensitivities, Fisher information, bounds from it), `flights` (bounds of a nominal's flights).
 """

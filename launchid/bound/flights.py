@@ -1,4 +1,4 @@
-"""The bound of the flights of a nominal."""
+"""Fly a nominal and compute the Cramer-Rao bound of a6 and k1 in each window of the flight."""
 
 import math
 
@@ -13,7 +13,7 @@ from .world import world_of
 
 
 def noise_variances(nominal: Nominal, period: float) -> np.ndarray:
-    """Variances (5,) of theta, theta_dot, beta, command, acceleration; held noise keeps its density at `period`."""
+    """Variances (5,) of theta, theta_dot, beta, command, acceleration; held noise keeps its density at `period` [s]."""
     nominal.require("actuator", "controller", "simulation")
     sensors, actuator, simulation = nominal.sensors, nominal.actuator, nominal.simulation
     assert actuator is not None and simulation is not None and nominal.controller is not None
@@ -23,7 +23,7 @@ def noise_variances(nominal: Nominal, period: float) -> np.ndarray:
 
 
 def servo_of(nominal: Nominal) -> np.ndarray:
-    """(2,) actuator of `window_information`."""
+    """Return (2,) natural frequency [rad/s], damping ratio; of a first-order servo 1/time constant, FIRST_ORDER."""
     actuator = nominal.actuator
     assert actuator is not None
     if actuator.is_first_order:
@@ -32,14 +32,14 @@ def servo_of(nominal: Nominal) -> np.ndarray:
 
 
 def servo_sigma(nominal: Nominal) -> np.ndarray:
-    """(3,) one sigma of what is not known before the flight: relative frequency, relative damping ratio, delay [s]."""
+    """Return (3,) one sigma before the flight: relative frequency, relative damping ratio, delay [s]; 0 is known."""
     actuator = nominal.actuator
     assert actuator is not None
     return np.array([actuator.natural_frequency_sigma, actuator.damping_ratio_sigma, actuator.delay_sigma])
 
 
 def acting_command(nominal: Nominal, flight: Flight) -> np.ndarray:
-    """Command that acts over the step from each row [rad]: the actuator's delay old, 0 before the first."""
+    """Return the mean command (n,) [rad] at the servo over the step from each row: delayed, 0 before the first."""
     assert nominal.actuator is not None
     if nominal.actuator.delay == 0.0:
         return flight.beta_cmd
@@ -48,8 +48,8 @@ def acting_command(nominal: Nominal, flight: Flight) -> np.ndarray:
 
 
 def switched(command: np.ndarray, delay: float, period: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """A held command (n,) [rad], 0 before its first row, `delay` [s] later: what acts from each row on, what acts then,
-    and from how long [s] after the row on."""
+    """Delay a held command (n,) [rad] (0 before its first row) by `delay` [s].  Return the command at the servo at each
+    row (n,), the one that replaces it before the next row (n,), and how long [s] after the row it does."""
     whole = math.floor(delay / period)
     past = np.concatenate([np.zeros(whole + 1), command])
     return past[:len(command)], past[1:len(command) + 1], delay - whole * period
@@ -58,13 +58,13 @@ def switched(command: np.ndarray, delay: float, period: float) -> tuple[np.ndarr
 def flight_information(nominal: Nominal, window: float, seed: int = 0, period: float | None = None,
                        a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, *, path_known: bool = True,
                        levels_known: bool = False) -> np.ndarray:
-    """Information (w, 2, 2) about (relative a6, relative k1) in each window of one flight (`flight` suite); about more
-    where [actuator] declares that more is unknown, see `with_prior`.
+    """Fly once (`flight` sensors); return Fisher information (w, 2, 2) about relative a6 and k1 in each of w windows;
+    of more size where [actuator] has sigmas, see `with_prior`.
 
-    nominal  what flies, how noisy it is, and in what air;  window [s];  period [s] of the log, None: sensors.period
+    nominal  vehicle, noises and air;  window [s];  period [s] of the log, None: sensors.period
     a6_factor, k1_factor  true parameters over the nominal's
-    path_known   the log says the flight path of [drift]; else it follows from where it truly is at a window's start
-    levels_known  of the wind: how strongly the vehicle answers it tells of a6
+    path_known   the log has the flight path of [drift]; else only its true value at a window's start is known
+    levels_known  the wind's levels are known, so the size of the vehicle's response tells of a6
     """
     flight = fly_whole(nominal, seed, "flight", period, a6_factor, k1_factor)
     t = flight.t
@@ -88,18 +88,17 @@ def flight_information(nominal: Nominal, window: float, seed: int = 0, period: f
 def flight_bound(nominal: Nominal, window: float, seed: int = 0, period: float | None = None,
                  a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, *, path_known: bool = True,
                  levels_known: bool = False) -> Bound:
-    """Bound of every window of one flight; arguments as `flight_information`."""
+    """Fly once; return the bound of a6 and k1 in every window of `window` [s]; arguments as `flight_information`."""
     return bounds_of(flight_information(nominal, window, seed, period, a6_factor, k1_factor, path_known=path_known,
                                         levels_known=levels_known), window)
 
 
 def known_state_information(nominal: Nominal, flight: Flight, onset: float, a6_factor: Factor = 1.0,
                             k1_factor: Factor = 1.0, horizon: float = 4.0) -> tuple[np.ndarray, np.ndarray]:
-    """Information about a relative change of k1 at `onset`, the state before it known, as it grows with time.
+    """Return times [s] (n,) of the rows from `onset` [s] to `horizon` [s] later, and the information (n,) by then about
+    a relative change of k1 at the onset [1/relative^2], the state at the onset known.
 
-    Wind and offsets are known as well as two seconds before tell.
-
-    Returns times [s] of the rows after the onset, up to `horizon` later, and the information (1/relative^2) by then.
+    Wind and offsets are known as well as two seconds of data before the onset tell.
     The factors are those before the change; the flight may have any.
     """
     begin = int(np.searchsorted(flight.t, onset))

@@ -1,5 +1,4 @@
-"""The filter about the true parameters, its sensitivities, what the innovations of each window tell, and
-the bounds out of that."""
+"""Kalman filter about the true parameters and its sensitivities: Fisher information of each window, bounds from it."""
 
 from dataclasses import dataclass
 
@@ -13,8 +12,8 @@ from .world import ATTITUDE_BIAS_STATE, PATH_STATE, World, calm, contiguous
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """The bound in each window of one flight.  Arrays (windows,); standard deviations are relative to the true
-    value."""
+    """Cramer-Rao bound in each window of one flight, arrays (windows,): start [s], std of a6 and k1 relative to the
+    truth, their correlation; servo (windows, u) std of its u unknown numbers."""
 
     t_start: np.ndarray      # s
     a6: np.ndarray           # relative standard deviation
@@ -24,7 +23,8 @@ class Bound:
 
 
 def without_offset(information: np.ndarray) -> np.ndarray:
-    """The information (w, n - 4, n - 4) from (w, n, n), with the unknown initial state removed by a Schur complement.
+    """Return information (w, n - 4, n - 4) from (w, n, n): the initial state, its first four, removed (Schur
+    complement).
 
     A state of which no measurement says anything (the nozzle's rate behind a first-order servo) drops out.
     """
@@ -40,8 +40,10 @@ def without_offset(information: np.ndarray) -> np.ndarray:
 
 
 def with_prior(information: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """The information (w, 2 + u, 2 + u) from (w, 5, 5) about a6, k1 and servo: what is known of it before the flight,
-    one sigma (3,), added; the u numbers of which all is known, 0, left out."""
+    """Add the servo's prior to information (w, 5, 5) about a6, k1, servo frequency, damping, delay; return (w, 2 + u, 2
+    + u).
+
+    sigma (3,)  one sigma of the servo's three; u are above 0, those of 0 are known and left out"""
     unknown = np.flatnonzero(sigma > 0.0)
     kept = np.concatenate([[0, 1], 2 + unknown])
     prior = np.diag(np.concatenate([np.zeros(2), sigma[unknown] ** -2.0]))
@@ -49,7 +51,7 @@ def with_prior(information: np.ndarray, sigma: np.ndarray) -> np.ndarray:
 
 
 def bounds_of(information: np.ndarray, window: float) -> Bound:
-    """Bounds from information matrices (w, n, n), of a6, k1 and what is unknown of the servo, of windows end to end."""
+    """Return bounds from information (w, n, n) on a6, k1 and servo unknowns, of w adjoining windows of `window` [s]."""
     covariance = np.linalg.inv(information)
     std = np.sqrt(np.einsum("wii->wi", covariance))
     return Bound(np.arange(len(std)) * window, std[:, 0], std[:, 1], covariance[:, 0, 1] / (std[:, 0] * std[:, 1]),
@@ -65,7 +67,7 @@ DIFFUSE = np.array([0.1, 1.0, 0.1, 10.0])  # rad, rad/s, rad, rad/s: all of what
 
 @kernel
 def predict_slopes(p, dp, f, slopes, value, full, moved, noises):
-    """Time update of dp (p, n, n), the derivatives of the covariance p (n, n) for relative a6, k1 and servo.
+    """Propagate dp (p, n, n), inout, over a step: the derivatives of covariance p (n, n) for relative a6, k1, servo.
 
     Products are written out: numba's need scipy, which an installation need not have.
     """
@@ -89,10 +91,10 @@ def predict_slopes(p, dp, f, slopes, value, full, moved, noises):
 
 @kernel
 def switch_command(s, x, jump, f, slopes, value, frequency, damping):
-    """Add what the newer command, `jump` [rad] more than the older, does in the last part of a step, after `predict`:
-    to the state x (n,) and the sensitivities s (n, 9).
+    """Add to x (n,) and sensitivities s (n, 9), after `predict`, the effect of a command that rises by `jump` [rad]
+    within the step.
 
-    f (6, 6), slopes (p, 6, 6)   of `transition` over that part, which the delay shortens
+    f (6, 6), slopes (p, 6, 6)   `transition` over the part of the step after the jump, which a longer delay shortens
     """
     for i in range(N_STATES):
         x[i] += f[i, 4] * jump
@@ -103,8 +105,8 @@ def switch_command(s, x, jump, f, slopes, value, frequency, damping):
 
 @kernel
 def predict(x, p, s, dp, u, known, f, slopes, value, full, moved, air, noises):
-    """Time update of the state x (n,), its covariance p (n, n), the sensitivities s (n, unknowns) of the one and,
-    beyond the vehicle alone, dp (p, n, n) of the other; the world's noise is not in it.
+    """Propagate state x (n,), covariance p (n, n), the state's sensitivities s (n, unknowns) and, with further states,
+    the covariance's dp (p, n, n) over a step, in place; without the world's noise (`add_noise`).
 
     u [rad]  command;  known [rad]  angle of attack beside theta
     """
@@ -140,7 +142,7 @@ def predict(x, p, s, dp, u, known, f, slopes, value, full, moved, air, noises):
 
 @kernel
 def correct_slopes(s, dp, channel, partner, gain, variance, innovation, information):
-    """Measurement update of dp (p, n, n), the gain's derivatives into s, and what the variance tells."""
+    """Correct dp (p, n, n) with a scalar measurement; add the gain's derivatives to s, variance's to information."""
     n = len(gain)
     share, slope = np.zeros(len(dp)), np.zeros(n)
     for m in range(len(dp)):
@@ -159,9 +161,9 @@ def correct_slopes(s, dp, channel, partner, gain, variance, innovation, informat
 
 @kernel
 def correct(x, p, s, dp, channel, partner, z, r, information, score):
-    """Scalar measurement update; adds the innovation's information about the unknowns, and its score (unknowns,).
+    """Correct x, p, s, dp with a scalar measurement z of variance r, in place; add to information, score (unknowns,).
 
-    partner  the state that is this sensor's offset, -1 for none
+    channel  the state measured;  partner  the state that is this sensor's offset, -1 for none
     """
     n, column, row, gain = len(x), np.zeros(len(x)), np.zeros(s.shape[1]), np.zeros(len(x))
     for j in range(n):
@@ -188,7 +190,7 @@ def correct(x, p, s, dp, channel, partner, z, r, information, score):
 
 @kernel
 def start_window(world, row, x, p, s, dp):
-    """Reset s; where a window knows nothing of earlier data, also p, dp and the world's states."""
+    """Reset sensitivities s for a new window; where the world restarts, also x's and p's start, and dp to 0."""
     s[:, :] = 0.0
     for i in range(N_STATES):
         s[i, i] = 1.0
@@ -207,7 +209,7 @@ def start_window(world, row, x, p, s, dp):
 @kernel
 def information_in(world, t, z, u, newer, switch, a6, k1, actuator, noises, window_of, information, score,
                    k1_information):
-    """`window_information` in a world."""
+    """Fill information, score and k1_information, arguments as `window_information`, world, newer and score given."""
     n, unknowns = N_STATES + len(world.role), information.shape[1]
     moving = min(unknowns, BY_SERVO_DELAY) - N_STATES
     x, p, s, dp = np.zeros(n), np.zeros((n, n)), np.zeros((n, unknowns)), np.zeros((moving, n, n))
@@ -257,10 +259,10 @@ def window_information(t: np.ndarray, z: np.ndarray, u: np.ndarray, a6: np.ndarr
                        actuator: np.ndarray, noises: np.ndarray, window_of: np.ndarray, information: np.ndarray,
                        k1_information: np.ndarray, world: World | None = None,
                        newer: np.ndarray | None = None, switch: float = 0.0, score: np.ndarray | None = None) -> None:
-    """Information of each window about (initial state, relative a6, relative k1) and, where the matrices have room for
-    them, the servo's (relative frequency, relative damping ratio, delay [s]).
+    """Compute the Fisher information of each window about (initial state (4), relative a6, relative k1) and, if
+    matrices are (w, 9, 9), the servo's (relative frequency, relative damping ratio, delay [s]).
 
-    t, u (n,)   [s, rad]  in
+    t, u (n,)   [s, rad]  in     u the command that acts from each row on
     z (n, 3)              in   theta, theta_dot, beta
     a6, k1 (n,) [1/s^2]   in   true, at the middle of the step from each row
     actuator (2,)         in   natural frequency [rad/s], damping ratio; of first order 1/time constant, FIRST_ORDER

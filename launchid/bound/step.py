@@ -1,4 +1,4 @@
-"""A step of the vehicle and its world: the transition, its derivatives for what is not known, the noise."""
+"""Kernels of a step: transition of vehicle and world, its derivatives for the unknowns, process noise."""
 
 import math
 
@@ -22,7 +22,7 @@ fastest_pole = kernel(actuator.fastest_pole)
 
 @kernel
 def generator_slope(which, frequency, damping, term, out):
-    """Add dA term, dA the derivative of the generator for a6, k1, the servo's frequency or its damping ratio.
+    """Add dA term to out: dA = derivative of the generator A for a6, k1, servo frequency or damping ratio (`which`).
 
     term, out (6, 6)
     """
@@ -42,8 +42,8 @@ def generator_slope(which, frequency, damping, term, out):
 
 @kernel
 def transition(a6, k1, frequency, damping, h, f, slopes):
-    """Compute f = exp(A h) (6, 6), its derivatives slopes (p, 6, 6) by scaling and squaring (Moler and Van Loan 2003,
-    method 3), for the first p of a6, k1, frequency, damping."""
+    """Compute f = exp(A h) (6, 6), h [s], and slopes (p, 6, 6), its derivatives for the first p of a6, k1, frequency,
+    damping (scaling and squaring: Moler and Van Loan 2003, method 3)."""
     n = N_AUGMENTED
     a = np.zeros((n, n))
     a[0, 1] = 1.0
@@ -85,7 +85,7 @@ def transition(a6, k1, frequency, damping, h, f, slopes):
 
 @kernel
 def combine(kept, to, by, a):
-    """to <- kept to + by a, matrices: a sum of arrays costs numba half a second to compile, each."""
+    """Write to <- kept to + by a, matrices; loops, because a sum of arrays costs numba half a second to compile."""
     for i in range(to.shape[0]):
         for j in range(to.shape[1]):
             to[i, j] = kept * to[i, j] + by * a[i, j]
@@ -93,7 +93,7 @@ def combine(kept, to, by, a):
 
 @kernel
 def multiply(a, b, out, kept):
-    """out <- kept out + a b (n, n), written out: numba's needs scipy, which an installation need not have."""
+    """Write out <- kept out + a b (n, n); loops, since numba's product needs scipy, which is not always installed."""
     for i in range(len(a)):
         for j in range(len(a)):
             out[i, j] *= kept
@@ -105,8 +105,8 @@ def multiply(a, b, out, kept):
 
 @kernel
 def push_of(role, a6, k1, mean, levels_known):
-    """The acceleration that a unit of a nuisance is, `mean` of it left over the step, and its derivatives for relative
-    a6 and k1."""
+    """Return the angular acceleration per unit of a world state `role`, and its derivatives for relative a6 and k1.
+    mean: share of the state left on average over the step."""
     if role == WALK_STATE or role == TURBULENCE_STATE:
         return a6 * mean, (a6 * mean if levels_known else 0.0), 0.0
     if role == PATH_STATE:
@@ -118,11 +118,11 @@ def push_of(role, a6, k1, mean, levels_known):
 
 @kernel
 def fill(world, f, slopes, value, h, row, full, moved, air):
-    """The vehicle's and the world's transition over a step, and its derivatives for relative deviations.
+    """Fill the transition of vehicle and world over a step of h [s] and its derivatives for relative deviations.
 
     f (6, 6), slopes (p, 6, 6) in   of `transition`;  value (p,) in   a6, k1, ...
     full (n, n), moved (p, n, n) out
-    air (1 + p, n)   out    what the known angle of attack does, and its derivatives
+    air (1 + p, n)   out    effect of the known angle of attack (1 rad) on the states, and its derivatives
     """
     a6, k1 = value[BY_A6], value[BY_K1]
     for i in range(N_STATES):
@@ -162,7 +162,7 @@ def fill(world, f, slopes, value, h, row, full, moved, air):
 def add_noise(world, f, a6, h, row, q, dq):
     """Add the process noise of a step to q (n, n), its derivative for relative a6 to dq (n, n).
 
-    Of the wind to the leading order in h: theta_ddot = a6 w, w_dot white.
+    Wind to the leading order in h [s]: theta_ddot = a6 w, w_dot white.
     """
     for i in range(N_STATES):
         for j in range(N_STATES):

@@ -1,4 +1,4 @@
-"""The unknowns outside the vehicle: wind, offsets and flight path, as states beside the vehicle's."""
+"""Unknowns outside the vehicle (wind, offsets, flight path) as further states of the bound's filter."""
 
 import math
 from typing import Any, NamedTuple, Protocol
@@ -15,27 +15,27 @@ OFFSET_ROLES = {"thrust_misalignment": MISALIGNMENT_STATE, "moment": MOMENT_STAT
 
 
 class Path(Protocol):
-    """The columns of a flight, or of a log, that the world needs."""
+    """The columns of a flight or of a log that `world_of` needs."""
 
     @property
     def t(self) -> np.ndarray:
-        """The times [s] of the rows."""
+        """Return the times (n,) [s] of the rows."""
 
     @property
     def period(self) -> float:
-        """The time [s] between rows."""
+        """Return the time [s] between rows."""
 
     @property
     def wind(self) -> np.ndarray:
-        """The wind angle [rad], as a sensor of the air's angle of attack has it."""
+        """Return the wind angle (n,) [rad], as a sensor of the air's angle of attack has it."""
 
     @property
     def true_gamma(self) -> np.ndarray:
-        """The flight-path angle [rad]."""
+        """Return the flight-path angle (n,) [rad]."""
 
 
 class World(NamedTuple):
-    """The world outside the vehicle: r states of its own, and what is known of the air, over n rows."""
+    """States outside the vehicle (r: wind, offsets, path) with their variances, and the known air, over n rows."""
 
     role: np.ndarray      # (r,) int64, WALK_STATE .. NOZZLE_BIAS_STATE
     start: np.ndarray     # (r, n) variance of each before any data, were a window to begin at the row
@@ -50,15 +50,15 @@ class World(NamedTuple):
 
 
 def calm(n: int) -> World:
-    """Nothing unknown but the vehicle, n rows."""
+    """Return a world of n rows in which nothing but the vehicle is unknown."""
     return World(np.zeros(0, np.int64), np.zeros((0, n)), np.zeros(0), np.zeros(0), np.zeros(n), np.zeros((2, n)),
                  np.zeros(n), 0.0, False, False)
 
 
 def world_of(nominal: Nominal, flight: Path, restarts: bool = True, path_known: bool = True,
              levels_known: bool = False) -> World:
-    """The world that [wind], [offsets] and [drift] leave open, over a flight's rows; arguments as
-    `flight_information`."""
+    """Return the world that a nominal's [wind], [offsets] and [drift] leave unknown over a flight's rows; restarts:
+    windows know nothing of earlier data; the others as `flight_information`."""
     t, h = flight.t, flight.period
     n, wind, offsets, drift = len(t), nominal.wind, nominal.offsets, nominal.drift
     seen = nominal.sensors.alpha_source == "air"  # an angle of attack that holds the wind
@@ -93,12 +93,12 @@ def world_of(nominal: Nominal, flight: Path, restarts: bool = True, path_known: 
 
 
 def contiguous(world: World) -> World:
-    """The same with arrays that lie in one piece, for which alone the kernels are compiled."""
+    """Return the world with C-contiguous arrays, for which alone the kernels are compiled."""
     whole: dict[str, Any] = {name: np.ascontiguousarray(each) for name, each in world._asdict().items()
                              if isinstance(each, np.ndarray)}
     return world._replace(**whole)
 
 
 def over_steps(value: np.ndarray) -> np.ndarray:
-    """Means of a signal over the steps from each row; the last row's own."""
+    """Return the mean of a signal (n,) over the step from each row to the next; for the last row its own value."""
     return 0.5 * (value + np.append(value[1:], value[-1]))

@@ -1,4 +1,4 @@
-"""The paper's experiments and their honest companions under sensor noise."""
+"""The paper's experiments, and their companions under sensor noise: CASES, and CONFIDENCE, the name of one more."""
 
 from .cases import CASES, CONFIDENCE
 

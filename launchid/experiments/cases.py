@@ -1,4 +1,4 @@
-"""The paper's experiments: what each flies, how it identifies, and what it must show.
+"""The paper's experiments: nominal flown, ways of identification, and the claim that must hold.
 
 Source: Navarro-Tapia, Marcos & Belhadj, sections 4.1 to 4.3.  Tolerances are
 those of the paper's claims (1 %) or, where the parameter itself passes through
@@ -13,7 +13,7 @@ CONFIDENCE = "confidence"  # the case of `confidence.py`, which flies differentl
 
 @dataclass(frozen=True)
 class Variant:
-    """One way of identifying the same flights."""
+    """A way to identify a flight: window [s], formulation, solver, sensor suite, command noise [rad] if changed."""
 
     name: str
     window: float          # s
@@ -28,7 +28,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class Case:
-    """One experiment: the paper's variant first, its companions after it."""
+    """One experiment: nominal, deltas flown, variants (the paper's first), the claim and its tolerance."""
 
     name: str
     paper: str
@@ -44,7 +44,7 @@ class Case:
 
 
 def _noisy(*windows: float) -> tuple[Variant, ...]:
-    """The same flights through real sensors: no method can reach 1 % in short windows there."""
+    """Return variants with flight sensors, filtered and integral, for each window [s]: short ones cannot reach 1 %."""
     return tuple(Variant(f"flight sensors, {formulation}, {w:g} s", w, "rigid-body", formulation, 1, "flight")
                  for w in windows for formulation in ("filtered", "integral"))
 

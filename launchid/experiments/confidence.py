@@ -2,7 +2,7 @@
 
 Navarro-Tapia et al., section 2.3, first aim: an offline model perturbed at random
 and at its extremes gives the band that identified parameters fall into over
-flight time (Figs. 4 and 8), and what identification buys: margins and mu of the
+flight time (Figs. 4 and 8), and what identification gains: margins and mu of the
 closed loop over the full box before it, over the identified sub-box after it.
 """
 
@@ -33,7 +33,7 @@ DRAWN_DELTA = (0.4, -0.3)  # delta of the flight whose margins are drawn
 
 
 class BandJob(NamedTuple):
-    """One dispersed flight."""
+    """One dispersed flight to fly: built-in nominal `name`, delta of (a6, k1), seed of the noise."""
 
     name: str
     delta: tuple[float, float]
@@ -42,7 +42,7 @@ class BandJob(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """One dispersed flight: window ends by column; `delta` is its truth."""
+    """One dispersed flight: its true delta of (a6, k1), and a table (windows, 12) of columns BAND_T to IN_RANGE."""
 
     delta: tuple[float, float]
     lost: bool
@@ -51,7 +51,7 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Bought:
-    """Margins and mu over flight time, before and after identification."""
+    """Worst margins and upper bounds of mu (n,) at times t (n,) [s]: over the full box and the identified one."""
 
     t: np.ndarray
     before: Margins
@@ -61,14 +61,14 @@ class Bought:
 
 
 def deltas(count: int) -> list[tuple[float, float]]:
-    """The vertices and the centre, then random ones, `count` in all (at least the five)."""
+    """Return `count` pairs (delta_a6, delta_k1), at least five: the box's vertices, its centre, then random ones."""
     rng = np.random.default_rng(RANDOM_SEED)
     random = rng.uniform(-1.0, 1.0, (max(count - len(VERTICES), 0), 2))
     return [*VERTICES, *((float(a), float(k)) for a, k in random)]
 
 
 def fly_band(job: BandJob) -> Band:
-    """Fly one dispersed vehicle through the estimator."""
+    """Fly one dispersed vehicle through the on-board estimator; return truth and estimate at each window's end."""
     name, delta, seed = job
     nominal = load_nominal(built_in(name))
     factors = dispersion(nominal, *delta)
@@ -89,12 +89,12 @@ def fly_band(job: BandJob) -> Band:
 
 
 def band_jobs(name: str, count: int) -> list[BandJob]:
-    """Vertices and random vehicles of a nominal, `count` flights."""
+    """Return jobs of `count` flights (at least five) of nominal `name`: vertices, centre, then random delta."""
     return [BandJob(name, delta, seed) for seed, delta in enumerate(deltas(count))]
 
 
 def bought(nominal: Nominal, flight: Band) -> Bought:
-    """Worst margins and mu over the full box, and over the 95 % box of one flight's identified delta."""
+    """Compute worst margins and mu over time, for the full box and the 95 % box of a flight's estimated delta."""
     rows = flight.table[np.linspace(len(flight.table) * 0.15, len(flight.table) - 1, MARGIN_TIMES).astype(int)]
     t = rows[:, BAND_T]
     centre = np.clip(rows[:, [DELTA_A6, DELTA_K1]], -1.0, 1.0)
@@ -105,8 +105,8 @@ def bought(nominal: Nominal, flight: Band) -> Bought:
 
 
 def summary(name: str, bands: list[Band]) -> dict[str, float | str]:
-    """Figures of one vehicle: coverage of the tracked intervals where they are valid, the median band after 30 s,
-    alarms, lost flights."""
+    """Return figures of a vehicle's flights: coverage of the tracked 95 % intervals and median relative half-width,
+    both after 30 s; number of flights with alarm, and lost."""
     table = np.concatenate([band.table for band in bands])
     late = table[(table[:, BAND_T] > 30.0) & np.isfinite(table[:, BAND_A6_STD])]
     z = np.abs(np.column_stack([(late[:, BAND_A6] - late[:, BAND_TRUE_A6]) / late[:, BAND_A6_STD],

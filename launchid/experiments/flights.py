@@ -1,4 +1,4 @@
-"""The flights of the cases, through their estimator variants, one job a flight."""
+"""Fly the experiments' vehicles and identify each flight with every variant; one job a flight."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ N_FLIGHT_COLUMNS = 11
 
 
 class VehicleJob(NamedTuple):
-    """One flight of a vehicle, for all the cases that fly it."""
+    """One flight of a vehicle (delta in sigma, seed of the noise) and the names of all cases that use it."""
 
     cases: tuple[str, ...]
     delta: int
@@ -30,7 +30,7 @@ class VehicleJob(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One flight through all variants of its case."""
+    """One flight of a case: a window table per variant, and the first variant's Xi (q, 3) of its last window."""
 
     delta: int
     seed: int
@@ -40,7 +40,7 @@ class Result:
 
 
 def proposed_sigma() -> Profile:
-    """A dispersion over flight time for the VEGA-like vehicle: an estimate, for the paper's Fig. 7 is not public.
+    """Return sigma over flight time for the VEGA-like vehicle: an estimate, for the paper's Fig. 7 is not public.
 
     Source: project research note on dispersions (course and VS-50 practice): sigma_a6 0.30 in the transonic
     (20..35 s), 0.20 at maximum dynamic pressure, 0.30 after 70 s; sigma_k1 0.10 rising to 0.30 in tail-off.
@@ -52,13 +52,13 @@ def proposed_sigma() -> Profile:
 
 
 def case_nominal(case: Case) -> Nominal:
-    """The nominal that a case flies."""
+    """Return the nominal that a case flies, with the proposed sigma over flight time if the case asks for it."""
     nominal = load_nominal(built_in(case.nominal))
     return dataclasses.replace(nominal, uncertainty=proposed_sigma()) if case.proposed_sigma else nominal
 
 
 def fly_variant(nominal: Nominal, variant: Variant, delta: int, seed: int) -> Flight:
-    """The flight that a variant sees."""
+    """Fly the nominal dispersed by `delta` sigma, with the variant's sensor suite and command noise."""
     if variant.command_noise is not None:
         assert nominal.actuator is not None
         nominal = dataclasses.replace(
@@ -69,11 +69,10 @@ def fly_variant(nominal: Nominal, variant: Variant, delta: int, seed: int) -> Fl
 
 def identify_flight(nominal: Nominal, variant: Variant, support: tuple[str, ...], flight: Flight,
                     seen: CheckedLog | None, delta: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Window table and the last Xi of one variant on one flight.
+    """Return the window table (windows, N_FLIGHT_COLUMNS) and the last window's Xi (q, 3) of one variant on one flight.
 
-    seen   the flight as a log that was checked, for what goes the way of `identify`: a window that its log contradicts
-           is not valid; None: what the formulation shows by itself
-    """
+    seen   the flight as a checked log: identified as by `identify`, a window that the log contradicts is not valid;
+           None: by the formulation alone"""
     config = Config(window=variant.window, sample_period=flight.period, compression=variant.compression, seed=seed,
                     library=variant.library, formulation=variant.formulation, solver=variant.solver,
                     threshold=variant.threshold,
@@ -93,7 +92,7 @@ def identify_flight(nominal: Nominal, variant: Variant, support: tuple[str, ...]
 
 
 def fly_job(job: VehicleJob) -> dict[str, Result]:
-    """One flight through all variants of the cases that fly it (the unit of work of a process): case -> result.
+    """Fly once, identify with all variants of the job's cases; return case name -> result (a process's unit of work).
 
     What cases share is flown and identified once.  The paper's variant, the first of its case, goes the way of
     `identify`; its companions, and all of `tuning`, which claims nothing, do not.
@@ -120,7 +119,7 @@ def fly_job(job: VehicleJob) -> dict[str, Result]:
 
 
 def vehicle_jobs(names: list[str], seeds: int) -> list[VehicleJob]:
-    """The flights of these cases: vehicle by vehicle, in the order of the cases, each with all cases that fly it."""
+    """Return the flights of the named cases, `seeds` of each vehicle, in order; equal flights of cases are one job."""
     flown = dict[tuple[str, bool, int], list[str]]()
     for name in names:
         case = CASES[name]

@@ -1,4 +1,4 @@
-"""`launchid reproduce`: campaign, verdict table, figures, everything into one folder."""
+"""`launchid reproduce`: fly the experiments, judge the paper's claims, write tables and figures into one folder."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -35,7 +35,8 @@ BOUND_SEEDS = 3  # the bound varies by a percent between flights
 
 
 def score(case: Case, variant: int, results: list[Result]) -> dict[str, Any]:
-    """Worst and median errors of one variant over all windows of all flights, and the share inside the tolerance."""
+    """Return worst and median relative errors of one variant over all windows of all flights, and how many windows are
+    inside the tolerance.  Windows over a profile's node are counted apart on clean data."""
     table = np.concatenate([result.tables[variant] for result in results])
     # a window over a node is judged apart only on clean data: under sensor noise the node is not what shows
     node = (table[:, NODE] == 1) & (case.variants[variant].suite == "ideal")
@@ -60,18 +61,18 @@ def score(case: Case, variant: int, results: list[Result]) -> dict[str, Any]:
 
 
 def holds(case: Case, scores: dict[str, Any]) -> bool:
-    """The paper's claim: every window off the nodes inside the tolerance, no flight lost, support exact where asked."""
+    """Whether the paper's claim holds: all windows off nodes inside the tolerance, no flight lost, support exact."""
     exact = not case.support or scores["exact_support"] == scores["windows"]
     return bool(scores["inside"] == scores["counted"] and scores["lost"] == 0 and exact)
 
 
 def percent(x: float | None) -> str:
-    """A share as a percentage for a table."""
+    """Return a share as a percentage of two digits, `1.2 %`; "-" for None."""
     return "-" if x is None else f"{100 * x:.2g} %"
 
 
 class FloorJob(NamedTuple):
-    """The bound of a built-in nominal's flights in windows [s]."""
+    """A job: compute the bound of a built-in nominal's flights in windows of `window` [s]."""
 
     nominal: str
     window: float
@@ -81,18 +82,18 @@ Job = VehicleJob | FloorJob | confidence.BandJob
 
 
 def floors_of(case: Case) -> list[FloorJob]:
-    """Return the bounds that the table of a case has, those of its variants with sensor noise."""
+    """Return the bound's jobs that a case's table needs: one per variant with flight sensors."""
     return [FloorJob(case.nominal, variant.window) for variant in case.variants if variant.suite == "flight"]
 
 
 def noise_floor(job: FloorJob) -> float:
-    """Return the median Cramer-Rao bound of a6, relative."""
+    """Return the median Cramer-Rao bound of a6, relative, over the windows of BOUND_SEEDS flights."""
     nominal = load_nominal(built_in(job.nominal))
     return float(np.median(np.concatenate([flight_bound(nominal, job.window, seed).a6 for seed in range(BOUND_SEEDS)])))
 
 
 def verdict(case: Case, k: int, scores: dict[str, Any]) -> str:
-    """The last cell of a table's row: the claim is judged for the paper's variant, companions inform."""
+    """Return a variant's verdict: "holds" or "FAILS" for the paper's (k = 0), else "companion"; "" without a claim."""
     if not case.has_claim:
         return ""
     if k == 0:
@@ -101,7 +102,7 @@ def verdict(case: Case, k: int, scores: dict[str, Any]) -> str:
 
 
 def table_lines(all_scores: dict[str, list[dict[str, Any]]]) -> list[str]:
-    """The table as Markdown."""
+    """Return the Markdown table, a line per case and variant; all_scores: case name -> scores as of `rows_of`."""
     lines = [
         "| case | paper | variant | inside | worst a6 | worst k1 | median a6 | median k1 | exact support | bound a6 "
         "| verdict |", "|---|---|---|---|---|---|---|---|---|---|---|"]
@@ -118,7 +119,7 @@ def table_lines(all_scores: dict[str, list[dict[str, Any]]]) -> list[str]:
 
 
 def xi_lines(results: list[Result]) -> list[str]:
-    """Xi of the whole constant flight, printed as the paper's matrix."""
+    """Return the coefficients Xi of the whole constant flight with the lowest seed, printed as the paper's matrix."""
     result = min(results, key=lambda r: r.seed)
     lines = [f"{'Xi':>16} {'theta_dot':>12} {'theta_ddot':>12} {'beta_dot':>12}"]
     for term, row in zip(polynomial(2), result.xi, strict=True):
@@ -127,7 +128,7 @@ def xi_lines(results: list[Result]) -> list[str]:
 
 
 def rows_of(case: Case, results: list[Result], outcomes: dict[Job, Any]) -> list[dict[str, Any]]:
-    """Return the scores of a case, one a variant."""
+    """Return the scores of a case, one dict per variant, with bound and verdict; outcomes: job -> its result."""
     rows = [score(case, k, results) for k in range(len(case.variants))]
     for k, (variant, row) in enumerate(zip(case.variants, rows, strict=True)):
         row.update(variant=variant.name, bound_a6=outcomes[FloorJob(case.nominal, variant.window)]
@@ -136,14 +137,14 @@ def rows_of(case: Case, results: list[Result], outcomes: dict[Job, Any]) -> list
 
 
 def work(job: Job) -> Any:
-    """Do a job: a flight, or a bound."""
+    """Run a job: return a flight's results, a bound or a dispersed flight."""
     if isinstance(job, VehicleJob):
         return fly_job(job)
     return noise_floor(job) if isinstance(job, FloorJob) else confidence.fly_band(job)
 
 
 def jobs_of(names: list[str], vehicles: Sequence[str], seeds: int) -> dict[str, list[Job]]:
-    """Return the jobs of each experiment; what several need is the same job."""
+    """Return experiment -> jobs: flights and bounds of cases `names`, dispersed flights of `vehicles`; `seeds` each."""
     flights = vehicle_jobs(names, seeds)
     jobs: dict[str, list[Job]] = {name: [*(job for job in flights if name in job.cases), *floors_of(CASES[name])]
                                   for name in names}
@@ -151,10 +152,9 @@ def jobs_of(names: list[str], vehicles: Sequence[str], seeds: int) -> dict[str, 
 
 
 def in_order(jobs: dict[str, list[Job]]) -> list[Job]:
-    """Return all jobs, each once, those of the paper's own experiments first.
+    """Return all jobs, each once, in the order to run: a filter flight, a regression flight, bounds, the other flights.
 
-    Before all others stands a flight through the filter, whose kernels one process compiles while another those of the
-    regressions, with the flight behind it.
+    The first two make two processes compile the filter's and the regressions' kernels at the same time.
     """
     flights = [job for each in jobs.values() for job in each if not isinstance(job, FloorJob)]
     floors = [job for each in jobs.values() for job in each if isinstance(job, FloorJob)]
@@ -166,7 +166,7 @@ def reproduce(case: str, seeds: int, out: str, say: Callable[[str], None] = lamb
     """Run one experiment or all, on all cores, the paper's own first; return the text to print.
 
     Figures, `table.md` and `results.json` are in the folder `out` as soon as an experiment is done, and `say` prints a
-    line: an interruption loses the experiments in work alone.
+    line: an interruption loses only the experiments that are not done.
     """
     names = list(CASES) if case == "all" else [case] if case in CASES else []
     folder = make_folder(out)
@@ -214,7 +214,7 @@ def reproduce(case: str, seeds: int, out: str, say: Callable[[str], None] = lamb
 
 def write_tables(folder: Path, head: list[str], scores: dict[str, list[dict[str, Any]]],
                  bands: dict[str, list[confidence.Band]]) -> list[str]:
-    """Write `table.md` and `results.json` of the experiments that are done; return the lines of the table."""
+    """Write `table.md` and `results.json` of the finished experiments to `folder`; return the lines of the table."""
     scores = {name: scores[name] for name in CASES if name in scores}
     text = list(head)
     if scores:
@@ -230,7 +230,7 @@ def write_tables(folder: Path, head: list[str], scores: dict[str, list[dict[str,
 
 
 def confidence_lines(bands: dict[str, list[confidence.Band]]) -> list[str]:
-    """The confidence range as a table (vertices and random vehicles, flight sensors, 100 Hz, 1 s windows)."""
+    """Return the confidence range's table, a line per vehicle (vertices and random delta, flight sensors)."""
     lines = ["| confidence range | flights | tracked 95 % intervals cover | half-width of a6, k1 after 30 s (median) "
              "| out-of-range alarms | lost |", "|---|---|---|---|---|---|"]
     for name, flown in bands.items():
@@ -241,7 +241,7 @@ def confidence_lines(bands: dict[str, list[confidence.Band]]) -> list[str]:
 
 
 def draw(figures: Callable[..., list[str]], *what: Any) -> list[str]:
-    """Return the names of the figures drawn; without matplotlib a line that says how to get it."""
+    """Call `figures(*what)`; return the file names drawn, without matplotlib one line that says how to install it."""
     try:
         return figures(*what)
     except ImportError:

@@ -1,7 +1,7 @@
-"""The first nominal of a vehicle, out of its log alone (`launchid nominal`).
+"""The first nominal of a vehicle, from its log alone (`launchid nominal`).
 
 log -> channels (rows masked) -> weak (first numbers, placebo) -> search (filter, model, scoring: which model, its
-maximum of the likelihood) -> answer (numbers, standard deviations, what is not known) -> write (file, JSON, words)
+maximum of the likelihood) -> answer (numbers, standard deviations, what is not known) -> write (file, JSON, text)
 """
 
 from .answer import First, first

@@ -1,4 +1,4 @@
-"""A vehicle's numbers from its log, each with its standard deviation, and the reasons for those that are missing."""
+"""Determine a vehicle's numbers from its log, each with standard deviation, and the reasons where one is missing."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -35,14 +35,14 @@ Number = tuple[float, float]   # value, standard deviation
 
 @dataclass(frozen=True, eq=False)
 class First:
-    """The first nominal of a log.
+    """The first nominal of a log; a Number is (value, standard deviation).
 
-    t (n,) [s of the log] nodes, a6, k1, a6_std, k1_std (n,) at them;  sine: a6 is the coefficient of sin(theta)
-    terms    coefficients of theta_dot and sign(theta_dot), where they gain
-    delay    [s] of the command to the nozzle (or to the motion, if no nozzle is measured), or of nozzle to motion
-    servo    natural frequency [rad/s] and damping ratio, where a command and the nozzle tell them
-    offsets  moment [rad/s^2], gyro_bias [rad/s];  noise  one sigma a sample or period;  wind  as in [wind]
-    refused  what the log cannot tell, in words; ""
+    t (n,) [s of the log] nodes, a6, k1, a6_std, k1_std (n,) [1/s^2] at them;  sine: a6 is the coefficient of sin(theta)
+    terms    coefficients of theta_dot [1/s] and sign(theta_dot) [rad/s^2], if the model has them delay    [s] of the
+    command to the nozzle (or to the motion, if no nozzle is measured), or of nozzle to motion servo    natural
+    frequency [rad/s] and damping ratio, None unless command and nozzle are logged offsets  moment [rad/s^2], gyro_bias
+    [rad/s];  noise  one sigma a sample or period;  wind  as in [wind] refused  sentences on numbers that the log cannot
+    tell;  notes  on what was left out;  r2  share predicted of held-out rows
     """
 
     path: str
@@ -70,8 +70,8 @@ class First:
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of models that are tried, and diverge: they lose
 def first(log: Log) -> First:
-    """The vehicle's numbers from the log.  InputError where it has not the columns, the rows or the motion, or where a
-    column is of another quantity than its name says: a nominal holds what it is fed."""
+    """Determine the vehicle's numbers from its log.  InputError if columns, rows or motion are missing, or a column
+    holds another quantity than its name says."""
     seen = checked(log, refuse_columns=True)
     log, c = seen.log, channels(seen.log)
     moving = c.theta if c.has("theta") else c.theta_dot
@@ -90,7 +90,7 @@ def first(log: Log) -> First:
 
 
 def is_constant(c: Channels) -> bool:
-    """The input never changes."""
+    """Whether the input (command, else nozzle) has one value in the whole log."""
     u = command(c)
     return float(np.nanmax(u)) == float(np.nanmin(u))
 
@@ -99,7 +99,7 @@ def is_constant(c: Channels) -> bool:
 
 
 def answer(result: Found) -> First:
-    """The numbers of a model."""
+    """Return the nominal's numbers with their standard deviations from the model that the search found."""
     c, fitted, model = result.channels, result.fitted, result.fitted.model
     na, nk = len(model.node_a), len(model.node_k)
     std = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0) * spread(result))
@@ -121,8 +121,8 @@ def answer(result: Found) -> First:
 
 
 def spread(result: Found) -> float:
-    """Factor on the variances: by how much more two halves of the log differ than they should (a model that is not
-    quite true differs from stretch to stretch); 1 where they agree, and where a6 and k1 vary."""
+    """Return the factor on the coefficients' variances by which two halves of the log differ more than they should; 1
+    where they agree or where a6 and k1 vary."""
     c, model = result.channels, result.fitted.model
     if len(model.node_a) > 1:
         return 1.0
@@ -143,8 +143,8 @@ def spread(result: Found) -> float:
 
 
 def hidden(result: Found) -> np.ndarray:
-    """The error (q,) by commands between the rows, which no nozzle sensor shows: the change when every second command
-    is left out, which is at least as much."""
+    """Return the error (q,) of the coefficients from commands between the rows, at most: their change if every second
+    command is left out; 0 where the nozzle is measured."""
     c, model = result.channels, result.fitted.model
     if c.has("beta") or model.no_input or is_held(c):
         return np.zeros(len(model.linear))
@@ -153,8 +153,8 @@ def hidden(result: Found) -> np.ndarray:
 
 
 def between_nodes(result: Found, fitted: Fitted) -> np.ndarray:
-    """The error (na + nk,) of lines between the nodes: the change at them when nodes are put between, beyond what
-    chance gives it (Hausman 1978: the difference's variance is that of the variances)."""
+    """Return the error (na + nk,) of a6, k1 at the nodes from taking them as straight between: the change when nodes
+    are put between, beyond chance (Hausman 1978: the difference's variance is that of the variances)."""
     model = fitted.model
     n = len(model.node_a) + len(model.node_k)
     if result.finer is None:
@@ -168,8 +168,8 @@ def between_nodes(result: Found, fitted: Fitted) -> np.ndarray:
 
 
 def delay(fitted: Fitted, c: Channels) -> Number | None:
-    """A command that is held over rows changed somewhere before the row that shows it: half a period on average.  One
-    that changes in every row may have changed between them too: its time is known to a period's spread."""
+    """Return the delay [s] and its std, None if it is not fitted.  A command held over rows changed half a period
+    before the row that shows it, on average; any command's time is known to a period's spread."""
     model = fitted.model
     if "delay" not in model.free:
         return None
@@ -190,7 +190,7 @@ def servo(fitted: Fitted) -> tuple[Number, Number] | None:
 
 
 def offsets(fitted: Fitted) -> dict[str, Number]:
-    """The constants at the log's end, the coefficients' uncertainty in them."""
+    """Return fitted moment [rad/s^2] and gyro_bias [rad/s] at the log's end; std with the coefficients' error."""
     model = fitted.model
     x, p, s = fitted.final.end
     q = len(model.linear)
@@ -203,7 +203,7 @@ def offsets(fitted: Fitted) -> dict[str, Number]:
 
 
 def noise(fitted: Fitted, c: Channels) -> dict[str, Number]:
-    """Standard deviations of the sensors (a sample), of the command and of unmodelled accelerations (a period)."""
+    """Return one sigma by name: of sensors a sample, of command and unmodelled acceleration [rad/s^2] a period."""
     model = fitted.model
     levels = {}
     for name, key, period in (("theta", "r_theta", 1.0), ("theta_dot", "r_theta_dot", 1.0), ("beta", "r_beta", 1.0),
@@ -219,7 +219,7 @@ def noise(fitted: Fitted, c: Channels) -> dict[str, Number]:
 
 
 def unseen(fitted: Fitted, c: Channels) -> float:
-    """Unmodelled accelerations [rad/s^2] that the log does not show: the level at which ln L falls by one half."""
+    """Return the level of unmodelled acceleration [rad/s^2] at which ln L falls by 0.5: less does not show."""
     model, q_a = fitted.model, fitted.model.numbers["q_a"]
     for _ in range(100):
         q_a *= 2.0
@@ -229,7 +229,8 @@ def unseen(fitted: Fitted, c: Channels) -> float:
 
 
 def wind(fitted: Fitted) -> dict[str, Number]:
-    """Levels as accelerations [rad/s^2, rad/s^2/sqrt(s)] over the largest |a6|: angles; `moment_` where a6 is vague."""
+    """Return the fitted wind levels, those seen, as angles: accelerations over the largest |a6|.  Where a6 is vague
+    they stay accelerations [rad/s^2, rad/s^2/sqrt(s)], named `moment_...`."""
     model = fitted.model
     k = int(np.argmax(np.abs(model.linear[:len(model.node_a)])))
     a6, std = abs(float(model.linear[k])), math.sqrt(float(fitted.covariance[k, k]))
@@ -250,9 +251,9 @@ def wind(fitted: Fitted) -> dict[str, Number]:
 
 
 def reasons(numbers: First, result: Found, driver: str) -> list[str]:
-    """The reasons why a number of the nominal cannot be given; none: it can.
+    """Return sentences on why numbers of the nominal cannot be given; [] if all can.
 
-    driver  the column that drives
+    driver  name of the column that drives the vehicle (beta or beta_cmd)
     """
     c = result.channels
     if is_constant(c):
@@ -266,8 +267,7 @@ def reasons(numbers: First, result: Found, driver: str) -> list[str]:
 
 
 def impossible(numbers: First, driver: str) -> list[str]:
-    """Numbers that no vehicle has, beyond WRONG of their deviations: an effect before its cause, a damping that
-    drives."""
+    """Return sentences on numbers that no vehicle has, beyond WRONG std: delay below 0, damping that drives."""
     said = []
     if numbers.delay is not None and numbers.delay[0] < -WRONG * math.hypot(numbers.delay[1], TIMING):
         said.append(f"{driver} follows the motion by {-1e3 * numbers.delay[0]:.0f} +- {1e3 * numbers.delay[1]:.1g} ms: "
@@ -277,13 +277,13 @@ def impossible(numbers: First, driver: str) -> list[str]:
 
 
 def driving(value: float, std: float, driver: str) -> str:
-    """The sentence of a damping of the wrong sign."""
+    """Return the sentence on a rate damping [1/s] of the wrong sign (above 0)."""
     return (f"the rate damping comes out {value:.3g} +- {std:.2g} 1/s: of the wrong sign, no body's motion drives "
             f"itself; {driver} is filtered or late, or theta and theta_dot are, or little but {driver} moves them")
 
 
 def lacking(numbers: First, result: Found, driver: str) -> list[str]:
-    """The judge's reasons against the model (`weakform.judge`): effects that it lacks, where they would move it."""
+    """Return sentences on effects that the model lacks and that would move its numbers, found by `weakform.judge`."""
     m, model = result.motion, result.fitted.model
     a6, k1 = (x / x[np.argmax(np.abs(x))] if np.any(x) else np.ones(len(m.t)) for x in model.at(m.t))  # as they vary
     if model.sine:
@@ -306,13 +306,13 @@ def lacking(numbers: First, result: Found, driver: str) -> list[str]:
 
 
 def is_known(numbers: First, lead: Lead) -> bool:
-    """Whether a lead of the input beyond the model's own is within what its delay may be off."""
+    """Whether a lead of the input that remains is within K1_SIGMAS of the error of the model's delay."""
     std = 0.0 if numbers.delay is None else numbers.delay[1]
     return abs(lead.value) < K1_SIGMAS * math.hypot(std, lead.std)
 
 
 def lack_words(lack: Lack, driver: str) -> str:
-    """The sentence that says why a first nominal without this effect would be wrong."""
+    """Return the sentence that says why a first nominal without the effect `lack` would be wrong."""
     said = {"placebo": f"k1 cannot be determined: {driver} of another time of the log explains the motion as well as "
                        f"{driver} does (placebo)",
             "gamma": "gamma does not act as theta does with the other sign: another unit, or the other sign",
@@ -335,7 +335,8 @@ def lack_words(lack: Lack, driver: str) -> str:
 
 
 def unseparated(numbers: First, result: Found) -> list[str]:
-    """theta and beta move as one, or theta hardly moves."""
+    """Return one sentence if a6 and k1 cannot be told apart (theta and beta move together), or a6 cannot be determined
+    (theta hardly moves); else []."""
     model, m = result.fitted.model, result.motion
     na, nk = len(model.node_a), len(model.node_k)
     covariance = result.fitted.covariance

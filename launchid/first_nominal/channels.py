@@ -1,4 +1,4 @@
-"""A log as the first nominal is fitted to it: usable rows, single bad values masked, what was measured at all."""
+"""Prepare a log for the fit of a first nominal: usable rows, single bad values masked, missing columns NaN."""
 
 import math
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ OUTLIER_SIGMAS = 4.0   # standard deviations beyond
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """Rows with increasing stamps t (n,) [s] from 0; NaN where not measured, all NaN where the log has no such column.
+    """Rows with increasing stamps t (n,) [s] from 0; theta, beta [rad], rates [rad/s] (n,): NaN where not measured.
 
     start [s] of the log;  period [s];  notes  what was left out, in words
     """
@@ -44,20 +44,20 @@ class Channels:
     driven: bool = False   # the command is what drives, in however few rows it is
 
     def has(self, name: str) -> bool:
-        """The channel was measured in most rows."""
+        """Whether column `name` was measured in more than half of the rows."""
         if name == "beta_cmd" and self.driven:
             return True
         return bool(np.mean(np.isfinite(getattr(self, name))) > 0.5)
 
     def part(self, first: int, end: int) -> "Channels":
-        """Rows first..end."""
+        """Return rows first to end - 1."""
         at = slice(first, end)
         return replace(self, t=self.t[at], theta=self.theta[at], theta_dot=self.theta_dot[at], beta=self.beta[at],
                        beta_cmd=self.beta_cmd[at], gamma=self.gamma[at])
 
 
 def channels(log: Log) -> Channels:
-    """InputError where the log has no motion, no input, or too few rows."""
+    """Return a log's usable rows, single spikes masked; InputError if it has no motion, no input, or too few rows."""
     moving = [name for name in ("theta", "theta_dot") if name in log.columns]
     driven = [name for name in ("beta", "beta_cmd") if name in log.columns]
     if not moving or not driven:
@@ -91,7 +91,7 @@ def channels(log: Log) -> Channels:
 
 
 def spikes(x: np.ndarray) -> np.ndarray:
-    """(n,) bool: single values far from the median of five rows and from every step beside them."""
+    """Return (n,) bool: single values far from the median of five rows and from every step near them."""
     if len(x) < 2 * ROWS_BESIDE_SPIKE or np.isnan(x).mean() > 0.5:
         return np.zeros(len(x), bool)
     filled = np.interp(np.arange(len(x)), np.flatnonzero(np.isfinite(x)), x[np.isfinite(x)])
@@ -106,11 +106,11 @@ def spikes(x: np.ndarray) -> np.ndarray:
 
 
 def without_foreign_rate(c: Channels) -> Channels:
-    """theta_dot left out where it is not theta's slope: filtered, delayed or scaled by the device.
+    """Return the channels without theta_dot if it is not theta's slope: filtered, delayed or scaled by the device.
 
     Increments of theta over eight rows against the integral of theta_dot, and that of its slope (a lag).  Where more of
-    them than 1 - ONE_MOTION is noise nothing is told: in a closed loop the noise of theta moves theta_dot, which looks
-    like a lag.
+    them than 1 - ONE_MOTION is noise nothing is removed: in a closed loop the noise of theta moves theta_dot, which
+    looks like a lag.
     """
     good = np.isfinite(c.theta) & np.isfinite(c.theta_dot)
     t, theta, rate = c.t[good], c.theta[good], c.theta_dot[good]

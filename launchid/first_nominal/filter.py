@@ -1,15 +1,15 @@
-"""An extended Kalman filter over the events of a log, with what its innovations say of each coefficient.
+"""An extended Kalman filter over the events of a log, with the derivative of its innovations for each coefficient.
 
     theta'' = sum of coefficients*terms + c(t) w + m + white,     b  the nozzle
     command:  b'' = W^2 (u(t - delay) - b) - 2 zeta W b' + W^2 white
     nozzle :  b'' = -b'/tau + white                  (no command in the log: the nozzle is a process of its own)
     direct :  b   = u(t - delay)
 
-w is what the wind does (turbulence of first order, and a random walk) in units of a given c(t), which does not move
+w is the wind (turbulence of first order, and a random walk) in units of a given c(t), which does not move
 with a6: whitening must not depend on what is fitted (docs/method.md, wind).  m is a constant moment, g the gyro's
 constant offset.
 Events are a motion row, a nozzle row, and a change of the input, each at its own time: stamps are never resampled, a
-delay is any number.  The derivative of the state for each coefficient is carried beside it, gains held (their part of
+delay is any number.  The derivative of the state for each coefficient is propagated too, gains held (their part of
 the innovations is white and of second order: docs/method.md, the filtered formulation).
 """
 
@@ -34,11 +34,11 @@ DIFFUSE_FACTOR = 1e3  # times a channel's size: what is not known before the fir
 
 
 class Shape(NamedTuple):
-    """The shape of the filter: its source, its states, its rate terms.
+    """Structure of the filter: how the nozzle is driven, which states and rate terms it has.
 
     source  BY_COMMAND, BY_MEASUREMENT or BY_INPUT;  sine  sin(theta) in place of theta
-    gyro, walk, turbulence  their states' places, -1: none;  states  how many;  rate_terms  0, 1 (theta_dot) or
-    2 (and sign(theta_dot))
+    gyro, walk, turbulence  places of their states, -1: none;  states  number of states
+    damping, friction  whether theta_dot and sign(theta_dot) are terms
     """
 
     source: int
@@ -53,7 +53,7 @@ class Shape(NamedTuple):
 
 @inner
 def _weights(t, nodes, out):
-    """Place of t among the nodes: index of the left one, share of the right one in out[0]."""
+    """Return the index of the node left of t; write the share of the right node to out[0]."""
     n = nodes.shape[0]
     out[0] = 0.0
     if n == 1 or t <= nodes[0]:
@@ -99,7 +99,7 @@ def _transition(row1, row3, decay, shape, dt, f, half, phi, power):
 
 @inner
 def _times(f, x, out):
-    """out = f x, f as `_transition` leaves it."""
+    """Write out = f x, f with the zeros that `_transition` leaves."""
     n = x.shape[0]
     for i in range(2):
         total = 0.0
@@ -131,7 +131,8 @@ def _noise(p, f, half, i, top, q, h):
 
 @inner
 def _measure(z, i, extra, r, x, p, s, e, variance, h, count, gain):
-    """One scalar measurement of state i (plus state `extra` if >= 0); row `count` of e, variance, h."""
+    """Correct x, p, s with a measurement z of state i (plus state `extra` if >= 0), variance r; fill row `count` of e,
+    variance, h."""
     n, q = x.shape[0], s.shape[0]
     innovation = z - x[i]
     total = p[i, i] + r
@@ -158,7 +159,7 @@ def _measure(z, i, extra, r, x, p, s, e, variance, h, count, gain):
 
 @inner
 def _forget(x, p, s, shape, wide, whole):
-    """Nothing is known of the motion (and, whole, of anything else)."""
+    """Reset the motion's states to unknown (whole: all states), with variances `wide`."""
     n = x.shape[0]
     for a in range(n if whole else 4):
         x[a] = 0.0
@@ -176,15 +177,15 @@ def _forget(x, p, s, shape, wide, whole):
 def run(  # noqa: PLR0912, PLR0915  one loop: what it calls per event costs more than the event
         event_t, event_kind, event_row, event_path, u, theta, omega, beta, shape, number, wide, node_a, a6, node_k, k1,
         node_c, coupling, rate, e, variance, h, channel, row, end_x, end_p, end_s):
-    """Filter the events; returns how many innovations were written.
+    """Filter the events; return the number c of innovations written.
 
     event_t (m,) [s], event_kind, event_row (m,)   in time's order;  event_path (m,) [rad]  flight path there
     u, theta, omega, beta (n,)   columns; NaN: not measured
-    number (N_FILTER_NUMBERS,), wide (states,)   numbers of the filter; variances of what is not known
+    number (N_FILTER_NUMBERS,), wide (states,)   numbers of the filter; variances of unknown states
     node_a, a6, node_k, k1   coefficients of theta (sin(theta)) and of the nozzle, linear between the nodes
     node_c, coupling   acceleration [rad/s^2] of a unit of wind, linear between the nodes
     rate (2,)   coefficients of theta_dot and sign(theta_dot)
-    e, variance (c,), h (c, q), channel, row (c,)   out: innovation, its variance, derivative of what was predicted
+    e, variance (c,), h (c, q), channel, row (c,)   out: innovation, its variance, derivative of the prediction
     for the coefficients (those of a6, of k1, of rate that the shape has), 0 theta 1 theta_dot 2 beta, row of the log
     end_x (states,), end_p (states, states), end_s (q, states)   out: state, its covariance and derivatives at the end
     """

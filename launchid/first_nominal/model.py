@@ -1,4 +1,4 @@
-"""The model that is fitted: its structure, its numbers, and one pass of the filter over a log."""
+"""The model that is fitted to a log: its structure and numbers, and one pass of the filter over the log."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -19,12 +19,12 @@ FREE_NUMBERS = {"q_a": fl.Q_A, "r_theta": fl.R_THETA, "r_theta_dot": fl.R_OMEGA,
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Structure and numbers.
+    """Structure and numbers of a vehicle's model.
 
-    source         of the nozzle: filter.COMMAND, MEASURED or DIRECT
+    source         of the nozzle: filter.BY_COMMAND, BY_MEASUREMENT or BY_INPUT
     node_a, node_k (n,) [s] nodes of a6 and k1;  linear (q,)  a6 and k1 at them, then theta_dot, sign(theta_dot)
     numbers        of FREE_NUMBERS, in their own units (variances, densities), and `delay` [s]
-    free           those of them that are sought
+    free           names of those numbers that are fitted
     """
 
     source: int
@@ -60,24 +60,25 @@ class Model:
         return fl.Shape(self.source, self.sine, gyro, walk, turbulence, states, self.damping, self.friction)
 
     def with_nodes(self, node_a: np.ndarray, node_k: np.ndarray) -> "Model":
-        """The same coefficients on other nodes."""
+        """Return the model with a6 and k1 interpolated to other nodes [s]."""
         a, k = self.at(node_a)[0], self.at(node_k)[1]
         return replace(self, node_a=node_a, node_k=node_k, linear=np.concatenate([a, k, self.rest]))
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """a6, k1 at t [s]."""
+        """Return a6 and k1 at t (n,) [s], each (n,)."""
         na, nk = len(self.node_a), len(self.node_k)
         return (np.interp(t, self.node_a, self.linear[:na]), np.interp(t, self.node_k, self.linear[na:na + nk]))
 
     @property
     def rest(self) -> np.ndarray:
-        """Coefficients of theta_dot and sign(theta_dot), those that the model has."""
+        """Return the coefficients of theta_dot and sign(theta_dot), those that the model has."""
         return self.linear[len(self.node_a) + len(self.node_k):]
 
 
 @dataclass(frozen=True, eq=False)
 class Pass:
-    """Innovations (c,), their variances, derivatives (c, q) of the predictions, channel and row of each; ln L."""
+    """One run of the filter: innovations e (c,), their variances, derivatives h (c, q) of the predictions, channel (0
+    theta, 1 theta_dot, 2 beta) and log row of each; ln L."""
 
     e: np.ndarray
     variance: np.ndarray
@@ -90,9 +91,8 @@ class Pass:
 
 
 def events(c: Channels, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, kinds and rows of the events of a log, in order; at one time the input changes last: it acts from then on.
-
-    """
+    """Return times [s], kinds and rows (m,) of a log's events, in order; at one time the input changes last, and acts
+    from then on."""
     source, delay = model.source, model.numbers["delay"]  # [s] of the command; MEASURED: by which the motion lags beta
     moving = np.flatnonzero(np.isfinite(c.theta) | np.isfinite(c.theta_dot))
     parts = [(c.t[moving], fl.MOTION_ROW, moving)]
@@ -112,12 +112,12 @@ def events(c: Channels, model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def command(c: Channels) -> np.ndarray:
-    """The input that drives: the command, or where there is none the measured nozzle."""
+    """Return the input (n,) [rad]: the command, or the measured nozzle if no command is logged."""
     return c.beta_cmd if c.has("beta_cmd") else c.beta
 
 
 def run(model: Model, c: Channels, sensitive: bool = True) -> Pass:
-    """The filter over a log; sensitive: with the derivatives for the coefficients."""
+    """Run the filter over a log; sensitive: also compute the derivatives for the coefficients."""
     shape, numbers = model.shape(), np.zeros(fl.N_FILTER_NUMBERS)
     numbers[fl.TURBULENCE_CORRELATION], numbers[fl.FRICTION_RATE] = 1.0, model.smooth
     numbers[fl.LONGEST_GAP] = max(LONG_GAP, GAP_PERIODS * c.period)

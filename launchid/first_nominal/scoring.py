@@ -2,7 +2,7 @@
 
     d ln L/d p = - sum ( e de/S + (1 - e^2/S) dS/(2 S) ),      information = sum ( de de'/S + dS dS'/(2 S^2) )
 
-The filter carries the derivatives of the coefficients; those of the noise levels, the delay and the servo are
+The filter computes the derivatives of the coefficients; those of the noise levels, the delay and the servo are
 differences of two passes.
 """
 
@@ -28,7 +28,8 @@ TINY, BEYOND_ANY = 1e-30, 1e30  # of a number that is sought
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A model at its maximum; covariance (p, p) of (linear, free), of logarithms but for the delay."""
+    """A model at its maximum of the likelihood, the filter's pass there, and covariance (p, p) of (linear, free): of
+    logarithms of the free numbers, but for the delay."""
 
     model: Model
     final: Pass    # of the filter, at the maximum
@@ -42,23 +43,24 @@ class Fitted:
 
     @property
     def bic(self) -> float:
-        """`penalised`."""
+        """Return ln L less Schwarz' penalty, half ln n for each number (larger is better)."""
         return penalised(self.ln_l, self.model, self.final)
 
     def std(self, name: str) -> float:
-        """The standard deviation of a free number: of its logarithm, of the delay in s."""
+        """Return the standard deviation of a free number: of its logarithm, of the delay in s."""
         k = len(self.model.linear) + self.model.free.index(name)
         return math.sqrt(max(self.covariance[k, k], 0.0))
 
 
 def penalised(ln_l: float, model: Model, done: Pass) -> float:
-    """ln L less Schwarz' half ln n for each number."""
+    """Return ln_l less Schwarz' half ln n for each number of the model, n the innovations counted in `done`."""
     n = int(np.count_nonzero(done.counted))
     return ln_l - 0.5 * math.log(max(n, 2)) * (len(model.linear) + len(model.free))
 
 
 def moved(model: Model, step: np.ndarray) -> Model:
-    """The model with its numbers changed: coefficients and delay by sums, the others by logarithms."""
+    """Return the model after a step (p,) in (linear, free), within bounds: coefficients and delay by sums, others by
+    factors exp."""
     q = len(model.linear)
     numbers = dict(model.numbers)
     for name, change in zip(model.free, step[q:].tolist(), strict=True):
@@ -72,7 +74,7 @@ def moved(model: Model, step: np.ndarray) -> Model:
 
 
 def scores(model: Model, c: Channels, base: Pass) -> tuple[np.ndarray, np.ndarray]:
-    """Return scores (n, p) and information (p, p)."""
+    """Return each innovation's score (n, p) and the information (p, p) about (linear, free), from the pass `base`."""
     q, free = len(model.linear), model.free
     used = base.counted
     e, s = base.e[used], base.variance[used]
@@ -96,8 +98,8 @@ def scores(model: Model, c: Channels, base: Pass) -> tuple[np.ndarray, np.ndarra
 
 
 def aligned(other: Pass, base: Pass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """e and variance of another pass in the order of this one, and which of them came in the same order: where two
-    events have changed places only the sum of their scores is a derivative."""
+    """Return e and variance of another pass in the order of `base`, and whether each stood in the same place: where two
+    events changed places only the sum of their scores is a derivative."""
     if np.array_equal(other.row, base.row) and np.array_equal(other.channel, base.channel):
         return other.e, other.variance, np.ones(len(base.e), bool)
     place = np.empty(len(base.e), np.int64)
@@ -106,16 +108,16 @@ def aligned(other: Pass, base: Pass) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
-    """The scoring step; directions that the log does not tell stay where they are."""
+    """Return the scoring step (p,); directions without information get none."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     m = information / np.outer(scale, scale) + damping * np.eye(len(scale))
     return np.linalg.lstsq(m, gradient / scale, rcond=1e-12)[0] / scale
 
 
 def fit(model: Model, c: Channels, free: tuple[str, ...] | None = None) -> Fitted:
-    """The model's maximum of the likelihood from where it is.
+    """Fit the model to its maximum of the likelihood, starting from its numbers.
 
-    free   the numbers that are sought beside the coefficients; None: the model's.  All of them are the model's again.
+    free   the numbers to fit beside the coefficients; None: the model's.  The result has the model's own `free` again.
     """
     names, q = model.free, len(model.linear)
     if free is not None:
@@ -149,8 +151,8 @@ def fit(model: Model, c: Channels, free: tuple[str, ...] | None = None) -> Fitte
 
 
 def sandwich(score: np.ndarray, information: np.ndarray, done: Pass, c: Channels) -> np.ndarray:
-    """Covariance of the numbers: I^-1 J I^-1, J of the scores' sums over blocks (Newey & West 1987), in no direction
-    below I^-1."""
+    """Return the covariance (p, p) of the numbers: I^-1 J I^-1, J of the scores' sums over blocks (Newey & West 1987),
+    in no direction below I^-1."""
     diagonal = np.diag(information)
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))   # a number held where it is has none
     inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12)

@@ -44,11 +44,11 @@ STAND_TERMS = tuple((gravity, "beta", *rest) for gravity in ("theta", "sin(theta
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The result of the search.
+    """The model that the search found.
 
-    channels  what was fitted: those of the log, or with its beta as what was commanded
-    fitted  the model at its maximum;  finer  the same with nodes between the nodes, None: constant
-    motion, terms, delay   of the weak form;  r2  held out
+    channels  the data fitted: those of the log, or with beta in the place of the command
+    fitted  the model at its maximum;  finer  refitted with nodes between its nodes, None: constant
+    motion, terms, delay [s]   of the weak form;  r2  share of held-out variance that it predicts
     """
 
     channels: Channels
@@ -61,7 +61,7 @@ class Found:
 
 
 def sizes(c: Channels, m: Rows) -> dict[str, float]:
-    """The largest values of the channels, by name."""
+    """Return the largest magnitude of theta, theta_dot, beta, beta_rate and moment, by name; rad and s."""
     def size(x: np.ndarray) -> float:
         return float(np.nanmax(np.abs(x))) + 1e-12
     u = weak.filled(c.t, c.beta if c.has("beta") else command(c))
@@ -71,14 +71,14 @@ def sizes(c: Channels, m: Rows) -> dict[str, float]:
 
 
 def bounds(c: Channels) -> dict[str, tuple[float, float]]:
-    """The ranges of the free numbers: no log shows what is faster than a few rows, or slower than the log is long."""
+    """Return name -> (low, high) of servo [rad/s], damping ratio, turbulence_time [s]: what a log can show."""
     length = float(c.t[-1])
     return {"servo": (1.0 / length, FASTEST / c.period), "damping": (0.05, 5.0),
             "turbulence_time": (2.0 * c.period, length)}
 
 
 def source_of(c: Channels) -> int:
-    """The source of the nozzle angle: the command through a servo, its own measurement, or the command alone."""
+    """Return what moves the nozzle: BY_COMMAND (through a servo), BY_MEASUREMENT, or BY_INPUT (beta not measured)."""
     if not c.has("beta"):
         return fl.BY_INPUT
     if not c.has("beta_cmd"):
@@ -90,14 +90,14 @@ def source_of(c: Channels) -> int:
 
 
 def _unexplained(y: np.ndarray, x: np.ndarray) -> float:
-    """Share of y's variance that a line in x leaves."""
+    """Return the share of y's variance that a straight line in x leaves."""
     y, x = y - y.mean(), x - x.mean()
     below = square(x) * square(y)
     return 1.0 - inner(x, y) ** 2 / below if below > 0.0 else 1.0
 
 
 def servo_start(c: Channels) -> float:
-    """The delay [s] of the command to the nozzle beyond what a servo of FIRST_SERVO_FREQUENCY has."""
+    """Return the delay [s] from command to nozzle in excess of the lag of a servo of FIRST_SERVO_FREQUENCY."""
     beta, u = weak.filled(c.t, c.beta), weak.filled(c.t, c.beta_cmd)
     grid = np.arange(0.0, MOST_COMMAND_DELAY, max(c.period / 2.0, 0.002))
     best = float(grid[int(np.argmin([_unexplained(beta, np.interp(c.t - d, c.t, u)) for d in grid]))])
@@ -105,7 +105,7 @@ def servo_start(c: Channels) -> float:
 
 
 def start(c: Channels, source: int, m: Rows, terms: tuple[str, ...], delay: float) -> Model:
-    """The plain model with its first numbers: those of the weak form, and noises of the channels' own roughness."""
+    """Return the plain model with first numbers: coefficients of the weak form, noises from the channels' roughness."""
     _, y, phi = weak.columns(m, terms, delay)
     xi = dict(zip(("1", *terms), weak.solve(phi, y).tolist(), strict=True))
     left = y - combined(phi, weak.solve(phi, y))
@@ -135,11 +135,11 @@ def start(c: Channels, source: int, m: Rows, terms: tuple[str, ...], delay: floa
 
 
 def search(c: Channels) -> Found:
-    """The model of a log.
+    """Find the model of a log.
 
-    A beta that no command tells is the nozzle's own angle, smooth and measured with noise, or itself what drives, as it
-    stands in each row: then its roughness moves the vehicle, by a delay or by a servo that no sensor shows.  Which of
-    them is asked of the likelihood, of the plain model and once the terms are found.
+    A beta without a command is either the nozzle's own angle, smooth and measured with noise, or itself the input, as
+    it stands in each row: then its roughness moves the vehicle, by a delay or by a servo that no sensor shows.  The
+    likelihood decides, for the plain model and again once the terms are found.
     """
     found = driven_instead(begin(c))
     found = driven_instead(replace(found, fitted=fit(grown(found.fitted, found.channels).model, found.channels)))
@@ -150,7 +150,7 @@ def search(c: Channels) -> Found:
 
 
 def driven_instead(found: Found) -> Found:
-    """What is found, or the same with another way from beta or the command to the nozzle, where that explains more."""
+    """Return `found`, or its model with another path from beta or command to the nozzle where that is more likely."""
     c, model = found.channels, found.fitted.model
     if model.source == fl.BY_INPUT and not model.no_input:
         return replace(found, fitted=servo_instead(found.fitted, c))
@@ -165,7 +165,7 @@ def driven_instead(found: Found) -> Found:
 
 
 def begin(c: Channels) -> Found:
-    """The plain model of a log."""
+    """Return the plain model of a log: two terms, or a test stand's terms at large angles, without wind and nodes."""
     u = command(c)
     idle = float(np.nanmax(u)) == float(np.nanmin(u))
     source = fl.BY_INPUT if idle else source_of(c)
@@ -186,8 +186,8 @@ def begin(c: Channels) -> Found:
 
 
 def nozzle_alone(found: Found) -> float:
-    """The `Fitted.bic` of the nozzle's own motion and noise, fitted to beta alone: what a model in which beta drives as
-    it stands lacks of one that explains beta too."""
+    """Return the penalised ln L of the nozzle's motion and noise, fitted to beta alone: to be added to a model that
+    takes beta as input before it is compared with one that explains beta."""
     c, model = found.channels, found.fitted.model
     unseen = np.full(len(c.t), math.nan)
     alone = fit(replace(model, linear=np.zeros(len(model.linear)), free=NOZZLE_NUMBERS),
@@ -196,24 +196,23 @@ def nozzle_alone(found: Found) -> float:
 
 
 def large(c: Channels) -> bool:
-    """Angles at which sin(theta) is not theta; a log without theta does not tell where 0 is."""
+    """Whether theta reaches angles at which sin(theta) is not theta; False for a log without theta."""
     return c.has("theta") and bool(np.nanmax(np.abs(c.theta)) > LARGE)
 
 
 def best_delay(c: Channels, m: Rows, terms: tuple[str, ...]) -> float:
-    """The best delay of the weak form [s]."""
+    """Return the input delay [s] at which the weak form with these terms fits best."""
     return weak.best_delay(m, terms, EARLIEST, MOST_COMMAND_DELAY, max(c.period, 0.005))
 
 
 def is_held(c: Channels) -> bool:
-    """The command stays the same over rows: it is issued less often than it is logged."""
+    """Whether the command often repeats from row to row: it is issued less often than it is logged."""
     u = command(c)
     return bool(np.mean(np.diff(u[np.isfinite(u)]) == 0.0) > REPEATED_COMMANDS)
 
 
 def servo_instead(now: Fitted, c: Channels) -> Fitted:
-    """A servo between the command and the nozzle that no sensor sees, or two lags, where that explains more than a
-    delay."""
+    """Return the most likely of: model `now`, with a servo that no sensor shows, with two lags (free damping)."""
     delay = now.model.numbers["delay"]
     numbers = now.model.numbers | {"servo": FIRST_SERVO_FREQUENCY, "damping": SERVO_DAMPING, "q_b": 0.0,
                                    "delay": max(delay - 2.0 * SERVO_DAMPING / FIRST_SERVO_FREQUENCY, 0.0)}
@@ -226,8 +225,8 @@ def servo_instead(now: Fitted, c: Channels) -> Fitted:
 
 
 def grown(now: Fitted, c: Channels) -> Fitted:
-    """The plain model with whatever brings most, until nothing brings more than it costs; then without what no longer
-    brings it."""
+    """Add to the plain model the part that gains most, until none gains more than its penalty; then remove parts that
+    no longer pay."""
     calm = now
     for _ in range(ADDED_PARTS):
         asked = windy(now.model, c) if now is calm or now.model.walk else ()
@@ -251,7 +250,7 @@ def grown(now: Fitted, c: Channels) -> Fitted:
 
 
 def hope(model: Model, c: Channels) -> float:
-    """The expected `Fitted.bic`, by one step of scoring: exact where the model is linear in what was added."""
+    """Return the penalised ln L expected after one scoring step of the coefficients: exact for linear additions."""
     none = replace(model, free=())
     base = run(none, c)
     score, information = scores(none, c, base)
@@ -261,7 +260,7 @@ def hope(model: Model, c: Channels) -> float:
 
 
 def candidates(model: Model, c: Channels) -> Iterator[Model]:
-    """Models with one linear addition each: nodes, rate damping, dry friction."""
+    """Yield models with one linear addition each: nodes, rate damping, dry friction."""
     end, count = float(c.t[-1]), len(model.node_a)
     more = [k for k in NODE_COUNTS if k > count and (k == 2 or end / (k - 1) >= NEAREST)]
     for k in more[:2] if count > 1 else more[:3]:
@@ -275,7 +274,8 @@ def candidates(model: Model, c: Channels) -> Iterator[Model]:
 
 
 def windy(model: Model, c: Channels) -> Iterator[Model]:
-    """Wind beside what the model has; where a6 varies, acting as it does.  At large angles it is no wind."""
+    """Yield the model with wind, or, where it has wind and a6 varies, with wind that acts in proportion to a6; none at
+    large angles."""
     if large(c):
         return
     if not model.walk:
@@ -287,7 +287,7 @@ def windy(model: Model, c: Channels) -> Iterator[Model]:
 
 
 def thinner(model: Model) -> Iterator[Model]:
-    """The model without wind, or without one of its terms."""
+    """Yield the model without wind, without rate damping, without friction, for each of them that it has."""
     if model.walk:
         yield replace(model, free=tuple(name for name in model.free if name not in FIRST_LEVELS),
                       numbers={name: value for name, value in model.numbers.items() if name not in FIRST_LEVELS})
@@ -299,14 +299,14 @@ def thinner(model: Model) -> Iterator[Model]:
 
 
 def still(model: Model) -> tuple[str, ...]:
-    """Free numbers that are sought anew where two models are compared: unmodelled accelerations, wind, and the delay of
-    a nozzle that only its effect tells."""
+    """Return the free numbers to refit when models are compared: unmodelled acceleration, wind, and a measured nozzle's
+    delay."""
     names = (*FIRST_LEVELS, *(("delay",) if model.source == fl.BY_MEASUREMENT else ()))
     return ("q_a", *(name for name in names if name in model.free))
 
 
 def between(now: Fitted, c: Channels) -> Fitted | None:
-    """The model with nodes between its nodes; None where a6 and k1 do not vary."""
+    """Return the model refitted with nodes between its nodes; None where a6 and k1 are constant."""
     nodes = now.model.node_a
     if len(nodes) == 1:
         return None

@@ -1,4 +1,4 @@
-"""The weak form's first numbers for the search of a model, and how well one part of the log predicts another.
+"""Fit a log in weak form: first numbers for the search of a model, and the share of held-out rows predicted.
 
 It needs no noise level and no start.
 """
@@ -21,13 +21,14 @@ MIN_INCREMENTS = 5     # increments without overlap in it
 
 
 def filled(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return x (n,) with missing values by lines."""
+    """Return x (n,) with missing values interpolated linearly over t (n,) [s]."""
     good = np.isfinite(x)
     return np.interp(t, t[good], x[good])
 
 
 def motion(c: Channels, source_is_beta: bool) -> Rows:
-    """Return the motion, with what drives it as beta; a missing rate is theta's slope, a missing theta its integral."""
+    """Return rows of the weak form, the input as beta; a missing rate is theta's slope, a missing theta its
+    integral."""
     u = filled(c.t, c.beta if source_is_beta else command(c))
     rate = filled(c.t, c.theta_dot) if c.has("theta_dot") else np.zeros(0)
     if c.has("theta"):
@@ -43,9 +44,9 @@ def motion(c: Channels, source_is_beta: bool) -> Rows:
 
 
 def acting(rows: Rows, model: Model) -> np.ndarray:
-    """Return beta (n,) of the rows as the model has it act: later by its delay, behind a servo that no sensor shows.
+    """Return beta (n,) [rad] of the rows as it acts in the model: after its delay and a servo that no sensor shows.
 
-    The servo's frequency response on an even grid, the first value before it.
+    By the servo's frequency response on an even grid; the first value holds before the log.
     """
     source, numbers = model.source, model.numbers
     if model.no_input or (source == fl.BY_COMMAND and "r_beta" in numbers):
@@ -69,18 +70,18 @@ def columns(rows: Rows, terms: tuple[str, ...], delay: float = 0.0) -> tuple[np.
 
 
 def delayed(rows: Rows, delay: float) -> Rows:
-    """Return the rows with an input that acts later [s]."""
+    """Return the rows with beta `delay` [s] later."""
     return replace(rows, beta=np.interp(rows.t - delay, rows.t, rows.beta)) if delay else rows
 
 
 def solve(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return least squares with columns of one size."""
+    """Return the least-squares coefficients (n,) of y (k,) on phi (k, n), columns scaled to one size."""
     scale = np.sqrt(np.mean(phi**2, axis=0)) + 1e-300
     return least_squares(phi / scale, y, 1e-9) / scale
 
 
 def best_delay(rows: Rows, terms: tuple[str, ...], low: float, high: float, step: float) -> float:
-    """Return the delay [s] of the input, of a grid, at which it explains most, fitted piece by piece."""
+    """Return the input delay [s] of a grid (low, high, step) whose fits over pieces of TRIM_PIECE leave least."""
     def left(delay: float) -> float:
         t, y, phi = columns(rows, terms, delay)
         parts = np.array_split(np.arange(len(t)), max(1, round((t[-1] - t[0]) / TRIM_PIECE))) if len(t) else []
@@ -91,8 +92,7 @@ def best_delay(rows: Rows, terms: tuple[str, ...], low: float, high: float, step
 
 
 def held_out(rows: Rows, terms: tuple[str, ...], delay: float) -> float:
-    """Return the share of the variance of the last part's increments that the first part's fit predicts; 0 of too short
-    a log."""
+    """Return the share of variance of the last part's increments that the first part's fit predicts; 0: too short."""
     t, y, phi = columns(rows, terms, delay)
     split = rows.t[0] + (1.0 - HELD_OUT_SHARE) * (rows.t[-1] - rows.t[0])
     first, last = t < split, t >= split

@@ -1,4 +1,4 @@
-"""The first nominal as a file, its standard deviations as comments, and as JSON."""
+"""Write the first nominal as a file with standard deviations as comments, as JSON, and as lines for a terminal."""
 
 import math
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ TERM_UNITS = {"theta_dot": "1/s", "sign(theta_dot)": "rad/s^2"}
 
 
 def nominal_of(numbers: First, name: str) -> Nominal:
-    """The nominal that a simulation should use."""
+    """Return the nominal to simulate with, values rounded to what their standard deviations make known."""
     numbers = as_known(numbers)
     vehicle, terms, effects = plant(numbers)
     step = numbers.period / math.ceil(numbers.period / INTEGRATION_STEP - 1e-9)
@@ -39,14 +39,14 @@ def nominal_of(numbers: First, name: str) -> Nominal:
 
 
 def wind(numbers: First) -> Wind:
-    """The section [wind] of the nominal."""
+    """Return the nominal's section [wind]; levels not found are 0."""
     walk, turbulence, time = (numbers.wind.get(name, (default, 0.0))[0]
                               for name, default in (("walk", 0.0), ("turbulence", 0.0), ("turbulence_time", 1.0)))
     return Wind(walk=walk, turbulence=turbulence, turbulence_time=time)
 
 
 def as_known(first: First) -> First:
-    """Every value that goes into the file or before a reader, to where its standard deviation makes it known."""
+    """Return the nominal with every value rounded to the digits that its standard deviation makes known."""
     def one(number: Number) -> Number:
         return known(*number), number[1]
 
@@ -63,18 +63,18 @@ def as_known(first: First) -> First:
 
 
 def is_wind(numbers: First) -> bool:
-    """The slow moments are wind: a6 is known, and they are not only accelerations."""
+    """Whether the slow moments are given as wind angles: a6 is known well enough to divide by."""
     return bool(numbers.wind) and not any(name.startswith("moment") for name in numbers.wind)
 
 
 def told(numbers: First, name: str) -> bool:
-    """Test |offset| > TOLD*std."""
+    """Whether offset `name` is significant: |offset| > TOLD std."""
     value, std = numbers.offsets.get(name, (0.0, 1.0))
     return abs(value) > TOLD * std
 
 
 def plant(numbers: First) -> tuple[Profile, tuple[tuple[str, float], ...], tuple[Effect, ...]]:
-    """[vehicle] and [[effects]]: two numbers or a profile, offsets as effects; a test stand by its terms."""
+    """Return [vehicle] (numbers or profile), further terms (of a test stand), and offsets, dampings as [[effects]]."""
     effects = [effect("gyro_bias", rate=numbers.offsets["gyro_bias"][0])] if told(numbers, "gyro_bias") else []
     if numbers.sine or (numbers.terms and len(numbers.t) == 1):
         gravity = "sin(theta)" if numbers.sine else "theta"
@@ -98,7 +98,7 @@ def plant(numbers: First) -> tuple[Profile, tuple[tuple[str, float], ...], tuple
 
 
 def actuator(numbers: First) -> Actuator | None:
-    """[actuator] where a command was logged; a nozzle that was measured is the input itself."""
+    """Return [actuator]; None where no command was logged or no delay found: the measured nozzle is the input then."""
     if numbers.delay_of == "beta" or numbers.delay is None:
         return None
     delay = max(numbers.delay[0], 0.0)
@@ -110,7 +110,7 @@ def actuator(numbers: First) -> Actuator | None:
 
 
 def sensors(numbers: First) -> Sensors:
-    """[sensors]; of one that the log has not, what differencing or a guess would give."""
+    """Return [sensors]; a sensor that the log lacks gets the noise of differencing, or a guess."""
     theta = numbers.noise.get("theta", (UNKNOWN_THETA, 0.0))[0]
     rate = numbers.noise.get("theta_dot", (math.sqrt(2.0) * theta / numbers.period, 0.0))[0]
     return Sensors(period=numbers.period, theta_std=theta, theta_dot_std=rate,
@@ -125,7 +125,7 @@ def shown(number: Number, unit: str = "") -> str:
 
 
 def comments(numbers: First) -> dict[tuple[str, str], str]:
-    """(section, key) -> comment."""
+    """Return (section, key) of the nominal file -> its comment, mostly the standard deviation."""
     a6, k1 = (f"+- {std.mean():.2g}" for std in (numbers.a6_std, numbers.k1_std))
     said = {("vehicle", "a6"): f"{a6} 1/s^2", ("vehicle", "k1"): f"{k1} 1/s^2",
             ("vehicle", "profile"): f"a6 {a6}, k1 {k1} 1/s^2 in the mean; each in the JSON",
@@ -159,7 +159,7 @@ def comments(numbers: First) -> dict[tuple[str, str], str]:
 
 
 def commented(lines: list[str], numbers: First, source: str) -> Iterator[str]:
-    """The lines of a nominal file with what is known of each number behind it."""
+    """Yield the lines of a nominal file, each with its number's standard deviation as comment, after notes."""
     yield f"# The first nominal out of {source} alone: one standard deviation behind each number. SI units."
     if numbers.delay is not None and numbers.delay_of == "beta":
         behind = "" if numbers.servo is None else f", behind a servo of {with_std(*numbers.servo[0])} rad/s"
@@ -181,14 +181,14 @@ def commented(lines: list[str], numbers: First, source: str) -> Iterator[str]:
 
 
 def write(numbers: First, path: str | Path) -> None:
-    """The nominal file."""
+    """Write the nominal file to `path`, standard deviations as comments."""
     path = Path(path)
     lines = nominal_lines(nominal_of(numbers, path.stem), path)
     write_text(path, (line + "\n" for line in commented(lines, numbers, Path(numbers.path).name)))
 
 
 def lines(first: First, out: str) -> list[str]:
-    """The lines for a terminal."""
+    """Return the numbers as lines for a terminal; `out` is the file that was written."""
     gravity = "sin(theta)" if first.sine else "theta"
     said = [f"{first.path}: {first.rows} rows, {first.period:g} s apart, {first.duration:.4g} s"]
     for t, *numbers in zip(first.t, first.a6, first.a6_std, first.k1, first.k1_std, strict=True):
@@ -210,7 +210,7 @@ def number_json(number: Number | None) -> dict[str, float] | None:
 
 
 def report(numbers: First) -> dict[str, Any]:
-    """The nominal JSON.  a6, k1: null where the log cannot tell them; `profile` where they vary."""
+    """Return the JSON of `launchid nominal`; a6, k1 null if the log cannot tell them, `profile` if they vary."""
     constant = len(numbers.t) == 1
     no_k1 = any("k1" in reason or "neither" in reason or "input" in reason for reason in numbers.refused)
     no_a6 = any(reason.startswith("a6") or "neither" in reason for reason in numbers.refused)

@@ -1,1 +1,1 @@
-"""Monte Carlo campaigns of drawn vehicles, and the proof of requirements."""
+"""Monte Carlo campaigns of vehicles drawn at random, and the statistical proof of requirements."""

@@ -60,11 +60,12 @@ Chunk = list[tuple[int, Any]]   # (job's number, job)
 
 
 class Died(str):
-    """The line of a job whose workers died of it: the outcome of no work."""
+    """The error line of a job whose worker processes died, in place of its work's outcome."""
 
 
 class Job(NamedTuple):
-    """One flight.  Any other NamedTuple of plain values is as good a job."""
+    """One flight: nominal, scenario, seed, a6 = a6_0 (1 + sigma delta_a6), k1 alike.  Any NamedTuple of plain values
+    may be a job."""
 
     nominal: str
     scenario: str
@@ -74,12 +75,12 @@ class Job(NamedTuple):
 
 
 def draw_jobs(nominal: str, scenario: str, seeds: Iterable[int], spread: float = 1.0) -> list[Job]:
-    """One flight a seed, delta uniform in [-spread, spread]^2; the same seed draws the same delta in every scenario."""
+    """Return one job a seed, delta uniform in [-spread, spread]^2; a seed draws the same delta in every scenario."""
     return [Job(nominal, scenario, seed, *drawn_delta(seed, spread)) for seed in seeds]
 
 
 def drawn_delta(seed: int, spread: float = 1.0) -> tuple[float, float]:
-    """(delta_a6, delta_k1) of a seed, uniform in [-spread, spread]^2, from a stream of their own."""
+    """Return (delta_a6, delta_k1) of a seed, uniform in [-spread, spread]^2, from their own random stream."""
     delta = np.random.default_rng((605, seed)).uniform(-spread, spread, 2)
     return float(delta[0]), float(delta[1])
 
@@ -88,12 +89,12 @@ def drawn_delta(seed: int, spread: float = 1.0) -> tuple[float, float]:
 
 
 def run_chunk(work: Work, chunk: Chunk) -> list[tuple[int, Outcome]]:
-    """Each job's row, or its error's line."""
+    """Run the work on each job; return (number, row) or, if it raised, (number, its error in one line)."""
     return [(number, _outcome(work, job)) for number, job in chunk]
 
 
 def call_chunk(work: Callable[[Any], Any], chunk: Chunk) -> list[tuple[int, Any]]:
-    """The work's outcome for each job of a chunk; what it raises is raised."""
+    """Run the work on each job; return (number, what it returned); an exception of the work is raised."""
     return [(number, work(job)) for number, job in chunk]
 
 
@@ -106,7 +107,8 @@ def _outcome(work: Work, job: Any) -> Outcome:
 
 
 def _plain(name: str, value: Any) -> Value:
-    """A Python number or text: numpy's are turned, so that the table does not depend on who made them."""
+    """Return a value as Python number or text (numpy's converted, so that tables do not depend on it); else
+    TypeError."""
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, bool):
         return int(value)
@@ -116,7 +118,7 @@ def _plain(name: str, value: Any) -> Value:
 
 
 def _begin_worker(runner: int) -> None:
-    """Ctrl-C is the runner's, workers end the chunk they are at; when the runner is killed they go too."""
+    """Prepare a worker process: ignore Ctrl-C, which the runner handles, and end when the runner is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(runner,), daemon=True).start()
 
@@ -152,6 +154,7 @@ def run_campaign(jobs: Sequence[Any], work: Work, path: str | Path,
     enough      is given each finished job's number and outcome, in whatever order they end; once it answers with a
                 number n nothing more is sent and the table is of the first n jobs, of which it has been given all;
                 it may refuse an outcome with an InputError, and nothing is lost
+    Raises UsageError for no jobs; InputError if the table exists or the journal is another campaign's.
     """
     path = Path(path)
     if len(jobs) == 0:
@@ -181,7 +184,7 @@ def run_campaign(jobs: Sequence[Any], work: Work, path: str | Path,
 
 
 class _Asked:
-    """The question whether the jobs that are done are enough; `first`: how many of them, None: not yet."""
+    """Calls `enough` with each finished job until it answers; `first`: that number of jobs, None before."""
 
     def __init__(self, enough: Enough | None) -> None:
         self._enough = enough
@@ -199,10 +202,11 @@ def run_jobs(jobs: Sequence[Any], work: Callable[[Any], Any],
              executor: Executor | Callable[[], Executor] | None = None, workers: int | None = None,
              chunk: int | None = None, progress: Callable[[int], object] | None = None,
              done: Callable[[int, Any], object] | None = None) -> list[Any]:
-    """The outcome of `work` for each job, in the order of the jobs; no journal, for minutes of work.
+    """Return what `work` returns for each job, in the order of the jobs; no journal, for minutes of work.
 
     Arguments as of `run_campaign`, but what `work` returns is anything that travels, and what it raises is raised;
     done   called with a job's number and outcome as soon as it is there
+    Raises UsageError if a job's worker processes die.
     """
     if len(jobs) == 0:
         return []
@@ -223,7 +227,7 @@ def run_jobs(jobs: Sequence[Any], work: Callable[[Any], Any],
 
 
 def _sizes(jobs: int, workers: int | None, chunk: int | None) -> tuple[int, int]:
-    """(workers, jobs a future), checked."""
+    """Return (workers, jobs a future), defaults filled in; UsageError if below 1."""
     workers = workers or os.cpu_count() or 1
     if workers < 1 or (chunk is not None and chunk < 1):
         raise UsageError(f"workers {workers!r}, chunk {chunk!r}: expected at least 1")
@@ -231,7 +235,7 @@ def _sizes(jobs: int, workers: int | None, chunk: int | None) -> tuple[int, int]
 
 
 def campaign_hash(jobs: Sequence[Any], work: Work, definition: str = "") -> str:
-    """A digest of what a campaign is: its work's name, every job in order, what else decides."""
+    """Return a SHA-256 that identifies a campaign: its work's name, every job in order, and `definition`."""
     digest = hashlib.sha256(f"{_name(work)}\n{definition}\n{jobs[0]._fields}\n".encode())
     for job in jobs:
         digest.update(repr(tuple(job)).encode() + b"\n")
@@ -239,7 +243,7 @@ def campaign_hash(jobs: Sequence[Any], work: Work, definition: str = "") -> str:
 
 
 def _name(work: Work) -> str:
-    """The same in every process: of a `functools.partial` with what it holds."""
+    """Return the work's name, equal in every process; of a `functools.partial` with its arguments."""
     if isinstance(work, functools.partial):
         return f"{_name(work.func)}{work.args!r}{sorted(work.keywords.items())!r}"
     named = work if hasattr(work, "__qualname__") else type(work)
@@ -247,7 +251,7 @@ def _name(work: Work) -> str:
 
 
 def _chunks(jobs: Sequence[Any], done: bytearray, size: int) -> Iterator[Chunk]:
-    """The jobs that are not done, `size` at a time."""
+    """Yield the jobs not yet done, with their numbers, `size` at a time."""
     chunk: Chunk = []
     for number, job in enumerate(jobs):
         if not done[number]:
@@ -260,7 +264,7 @@ def _chunks(jobs: Sequence[Any], done: bytearray, size: int) -> Iterator[Chunk]:
 
 
 class _Fleet:
-    """An executor, and how to come by another when it breaks."""
+    """An executor, and the means to replace it when it breaks."""
 
     def __init__(self, given: Executor | Callable[[], Executor] | None, workers: int) -> None:
         self.in_flight = IN_FLIGHT * workers

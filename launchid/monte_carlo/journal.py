@@ -1,6 +1,6 @@
-"""A campaign's journal: one line a finished job, appended while it runs, put in order into one table at the end.
+"""A campaign's journal on disk: a line per finished job, appended while it runs, and the table made from it at the end.
 
-The first line says what the campaign is (a hash) and how many jobs it has; each other is `[job, row]`, the row an
+The first line identifies the campaign (a hash) and its number of jobs; each other is `[job, row]`, the row an
 object of plain values, or `[job, "error"]`.  JSON with Python's shortest floats, so that what is read back has the
 same bits.  A line counts once its newline is there: the last one, torn by a kill, is cut off when the journal is
 opened again.  A job that stands twice (a worker that was thought dead and was not) counts once, the first.  Whatever
@@ -31,9 +31,9 @@ JOURNAL_LINE = 1 << 24  # bytes of a line: a row has a few hundred
 
 
 class Journal:
-    """Finished jobs on disk.  `done[job]` is 1 for those; `append` adds more.
+    """A campaign's finished jobs on disk: `done[job]` is 1 for each; `append` adds more.
 
-    Opening one that exists continues it; InputError if it is another campaign's or cannot be used.
+    Opening an existing file continues it; InputError if it is another campaign's or cannot be used.
     """
 
     def __init__(self, path: Path, definition: str, jobs: int) -> None:
@@ -50,7 +50,7 @@ class Journal:
             self._write([header])
 
     def _read(self, header: list[Any]) -> int:
-        """Mark what is done; bytes of the whole lines."""
+        """Mark the jobs in the file as done; return the number of bytes of its whole lines."""
         whole = 0
         for number, end, value in read_lines(self.path):
             if number == 1 and (not isinstance(value, list) or value != header):
@@ -67,7 +67,7 @@ class Journal:
         os.fsync(self._file.fileno())
 
     def append(self, outcomes: Iterable[tuple[int, Outcome]]) -> int:
-        """Write these jobs' outcomes but those that are there already; how many were new."""
+        """Write outcomes (job, outcome) of jobs not yet in the journal, to disk at once; return how many were new."""
         new = [(job, outcome) for job, outcome in outcomes if not self.done[job]]
         self._write(new)
         for job, _ in new:
@@ -75,19 +75,19 @@ class Journal:
         return len(new)
 
     def outcomes(self) -> Iterator[tuple[int, Outcome]]:
-        """The outcomes of the jobs that are done, in the order in which they ended; a job that stands twice comes
-        twice."""
+        """Yield (job, outcome) of the finished jobs in the order in which they ended; a job that stands twice in the
+        file comes twice."""
         for number, _, value in read_lines(self.path):
             if number > 1:
                 yield value[0], value[1]
 
     def close(self) -> None:
-        """Nothing more will be appended."""
+        """Close the file; nothing can be appended afterwards."""
         self._file.close()
 
 
 def read_lines(path: Path) -> Iterator[tuple[int, int, Any]]:
-    """(line number, byte where it ends, value) of every whole line; a torn last one is left out.
+    """Yield (line number, byte where the line ends, its JSON value) of every whole line; a torn last line is left out.
 
     InputError for a line that is no JSON and not the last, or the first: no interruption leaves that.
     """
@@ -115,7 +115,7 @@ def _damaged(path: Path, line: int) -> InputError:
 
 
 def _job(path: Path, number: int, value: Any, jobs: int) -> int:
-    """The job of a journal's line."""
+    """Return the job number of a journal's line; InputError if the line is none."""
     if isinstance(value, list) and len(value) == 2:
         job, outcome = value
         plain = isinstance(outcome, str) or (isinstance(outcome, dict) and all(
@@ -126,7 +126,7 @@ def _job(path: Path, number: int, value: Any, jobs: int) -> int:
 
 
 class Table(NamedTuple):
-    """The end of a campaign: its table and how many jobs it has."""
+    """A campaign's table on disk: its path, how many jobs it has, and how many of them failed (rows with an error)."""
 
     path: Path
     jobs: int
@@ -134,9 +134,9 @@ class Table(NamedTuple):
 
 
 def write_table(journal: Path, path: Path, jobs: Sequence[Any]) -> Table:
-    """The table of a journal that has all these jobs, in their order: a job's fields, its row's, `error`.
+    """Write the table (CSV) of `jobs`, in order, from a journal that has all of them: job's fields, row, `error`.
 
-    The journal may have further ones, which are left out.  Rows are fetched one at a time from where the journal has
+    The journal may have further jobs, which are left out.  Rows are fetched one at a time from where the journal has
     them, so memory does not grow with their width.
     """
     place = [-1] * len(jobs)
@@ -171,7 +171,7 @@ def _outcome(lines: Any, at: int) -> Outcome:
 
 
 def _in_order(journal: Path, place: list[int], first: dict[str, int]) -> Iterator[str]:
-    """Columns by the first job that has them, in that row's order: whatever order the journal is in."""
+    """Yield the rows' columns by the first job that has them, in that row's order: whatever order the journal is in."""
     with journal.open("rb") as lines:
         for job in sorted(set(first.values())):
             yield from (name for name in _outcome(lines, place[job]) if first[str(name)] == job)
@@ -203,7 +203,7 @@ if hasattr(os, "register_at_fork"):
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """A context in which the folder is this run's alone; InputError if it is another's."""
+    """Lock the folder for this run while the context lasts; InputError if another run holds it."""
     handle = None
     while handle is None:
         handle = _claimed(folder)
@@ -218,7 +218,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _claimed(folder: Path) -> int | None:
-    """A descriptor that holds the lock; None if the run that had it has just taken the file away."""
+    """Return a descriptor that holds the lock; None if the run that had it has just taken the file away."""
     path = folder / LOCK
     try:
         handle = os.open(path, os.O_CREAT | os.O_RDWR | getattr(os, "O_NOFOLLOW", 0), 0o666)
@@ -239,7 +239,7 @@ def _claimed(folder: Path) -> int | None:
 
 
 def _lock(handle: int) -> None:
-    """BlockingIOError, of some systems PermissionError, if another run has it."""
+    """Lock the file; BlockingIOError, on some systems PermissionError, if another run has it."""
     if fcntl is None:
         msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
         return

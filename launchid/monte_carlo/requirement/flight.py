@@ -1,7 +1,7 @@
-"""One flight of a campaign: a seed drawn, flown whole inside compiled code, and what its requirement may ask of it.
+"""One flight of a campaign: drawn by its seed, flown whole inside compiled code, measured for the requirements.
 
-Everything is drawn by the seed alone, each source from a stream of its own, so that a flight is the same whoever flies
-it: noise, wind and offsets as `launchid simulate` draws them, and the vehicle as every campaign does (`drawn_delta`).
+Everything is drawn by the seed alone, each source from its own random stream, so that a flight is the same whoever
+flies it: noise, wind and offsets as `launchid simulate` draws them, and the vehicle by `drawn_delta`.
 
 Peaks are of the truth, at every integration step, until the flight ends or the vehicle is lost.  `lost` is the
 simulator's: the attitude left what the plant is valid for (`sim.flight.LOST_ANGLE`).
@@ -32,7 +32,7 @@ ROWS_AT_A_TIME = 500  # rows at a time: 64 kB, which stay near the processor
 
 
 class FlightJob(NamedTuple):
-    """One flight: a6 = a6_0 (1 + sigma delta_a6), k1 alike."""
+    """One flight: its seed, and the vehicle's deviation a6 = a6_0 (1 + sigma delta_a6), k1 alike."""
 
     seed: int
     delta_a6: float
@@ -40,18 +40,18 @@ class FlightJob(NamedTuple):
 
 
 def flight_jobs(nominal: Nominal, first: int, flights: int) -> list[FlightJob]:
-    """One flight a seed from `first` on; without [uncertainty] every vehicle is the nominal one."""
+    """Return `flights` jobs, one a seed from `first` on; without [uncertainty] every vehicle is the nominal one."""
     return [flight_job(nominal, seed) for seed in range(first, first + flights)]
 
 
 def flight_job(nominal: Nominal, seed: int) -> FlightJob:
-    """The flight of this seed."""
+    """Return the job of this seed, its delta drawn by the seed; 0 without [uncertainty]."""
     return FlightJob(seed, 0.0, 0.0) if nominal.uncertainty is None else FlightJob(seed, *drawn_delta(seed))
 
 
 def flown_row(row: Mapping[str, Any]) -> Row:
-    """The columns that a flight is judged by, from the row that `Flyer` gives, or from its text; ValueError for a row
-    that it does not give."""
+    """Return the columns that a flight is judged by, as numbers, from a row of `Flyer` or its text; ValueError for any
+    other row."""
     if any(name not in JUDGED_COLUMNS and not name.startswith(OFFSET_PREFIX) for name in row):
         raise ValueError("another column")
     try:
@@ -65,12 +65,12 @@ def flown_row(row: Mapping[str, Any]) -> Row:
 
 @dataclass(frozen=True, eq=False)
 class Flyer:
-    """The work of a campaign on this nominal; it travels to the workers."""
+    """The work of a campaign on this nominal: a callable job -> row that can be pickled to worker processes."""
 
     nominal: Nominal
 
     def __call__(self, job: FlightJob) -> Row:
-        """lost; when the flight ended [s]; peaks; the offsets that were drawn."""
+        """Fly the job; return lost (0, 1), end of the flight [s], peaks (METRICS) and the offsets drawn."""
         nominal = self.nominal
         nominal.require("simulation")
         simulation = nominal.simulation
@@ -87,7 +87,7 @@ class Flyer:
 
 @apart
 def fly_for_peaks(vehicle, steps, rows, peaks):
-    """Fly `steps` steps, each a row of the log, and keep the largest magnitudes of the truth.
+    """Fly `steps` steps, each a row of the log, and record the largest magnitudes of the true motion.
 
     vehicle      inout    logs every step
     steps        in       how many, all that the flight has

@@ -1,12 +1,12 @@
-"""A campaign's folder: `campaign.json` says what it is, `flights.csv` has a row a flight; flown, continued, or merged.
+"""A campaign's folder: `campaign.json` defines it, `flights.csv` has a row per flight; flown, continued, or merged.
 
 `campaign.json` is there before the first flight, `flights.csv.journal` beside it while it is flown, `flights.csv` when
 it is done.  The same campaign run again in its folder goes on where it was; when it was done already it is only judged.
 One run at a time writes into it (`journal.locked`).
 
-A folder is not believed: `read_campaign` and `read_flights` are the only doors, and say what a valid one is.  Its
-flights are those of the definition's seeds, drawn as the seeds draw them, each once, in order, and all of them or all
-up to the one that decided.
+A folder is always checked: `read_campaign` and `read_flights` alone read it, and raise InputError if it is not valid.
+Its flights are those of the definition's seeds, drawn as the seeds draw them, each once, in order, and all of them or
+all up to the one that decided.
 """
 
 import contextlib
@@ -40,7 +40,8 @@ NOT_FLOWN = ("name", "diagnosis")  # of a nominal: how it is called and judged
 
 @dataclass(frozen=True)
 class Definition:
-    """Flights of the seeds `seed` ... `seed + flights - 1`, and what they are to prove."""
+    """A campaign: a nominal, seeds `seed` ... `seed + flights - 1`, and requirements (texts) to prove.  planned: all
+    flights are flown, then judged once; else it ends when decided."""
 
     nominal: Nominal
     seed: int
@@ -49,20 +50,20 @@ class Definition:
     planned: bool
 
     def as_json(self) -> dict[str, Any]:
-        """The definition as it stands in the folder's campaign.json."""
+        """Return the content of the folder's campaign.json, with the nominal as name and digest."""
         return {"format": FLIGHTS_FORMAT, "version": __version__, "nominal": self.nominal.name,
                 "nominal_sha256": digest_of(self.nominal), "seed": self.seed, "flights": self.flights,
                 "requirements": list(self.requirements), "stop": "never" if self.planned else "decided"}
 
 
 def digest_of(nominal: Nominal) -> str:
-    """The same for nominals that fly the same, wherever their files stand."""
+    """Return a SHA-256 of a nominal, equal for nominals that fly alike, whatever their names and files' paths."""
     flown = {key.name: getattr(nominal, key.name) for key in fields(nominal) if key.name not in NOT_FLOWN}
     return hashlib.sha256(_text(flown).encode()).hexdigest()
 
 
 def _text(part: Any) -> str:
-    """The text of every number of a part, to the last bit, without the paths of files."""
+    """Return every number of a part as text, to the last bit, without the paths of files."""
     if is_dataclass(part):
         part = {key.name: getattr(part, key.name) for key in fields(part)}
     if isinstance(part, dict):
@@ -85,7 +86,7 @@ KEY_TYPES = {"format": str, "version": str, "nominal": str, "nominal_sha256": st
 
 @dataclass(frozen=True)
 class Flights:
-    """A table in memory: seeds in order, and each flight's row or its error's one line."""
+    """A campaign's flights in memory: seeds in order, and for each its row or the one line of its error."""
 
     seeds: Sequence[int]
     outcomes: Sequence[Outcome]
@@ -93,7 +94,8 @@ class Flights:
 
 def fly(definition: Definition, folder: Path, executor: Executor | None, workers: int | None,
         progress: Callable[[int], object] | None) -> Flights:
-    """Fly what is not flown yet, until the requirements are decided (if it is not `planned`), and return the table."""
+    """Fly the flights not yet flown, until the requirements are decided (all if `planned`); return the table.
+    progress: called with the number newly flown."""
     flyer = Flyer(definition.nominal)
     if not _is_done(folder):
         flyer(flight_job(definition.nominal, definition.seed))  # what cannot fly is said at once, and what compiles
@@ -111,8 +113,8 @@ def _is_done(folder: Path) -> bool:
 
 
 def _enough(definition: Definition, journal: Path) -> Enough:
-    """A function that says whether the flights so far are enough, wherever they come from; InputError for what no
-    flight of ours is."""
+    """Return a function (number, outcome) -> number of flights that decide, or None; it raises InputError for a row
+    that is no flight's."""
     watch = _watch(definition)
 
     def enough(number: int, outcome: Outcome) -> int | None:
@@ -130,8 +132,8 @@ def _watch(definition: Definition) -> Watch:
 
 @contextlib.contextmanager
 def _held(definition: Definition, folder: Path) -> Iterator[None]:
-    """The folder with this campaign's definition in it, this run's alone while this lasts; InputError if it is
-    another's."""
+    """Lock the folder for this run and write this campaign's definition, if it is new; InputError if the folder is
+    another campaign's."""
     make_folder(folder)
     with locked(folder):
         if (folder / CAMPAIGN).exists():
@@ -144,7 +146,7 @@ def _held(definition: Definition, folder: Path) -> Iterator[None]:
 
 
 def _check_same(folder: Path, definition: Definition, keys: Iterable[str], what: str, expected: str) -> dict[str, Any]:
-    """The content of the folder's campaign.json; InputError unless these keys of it are the definition's."""
+    """Return the folder's campaign.json; InputError unless these keys of it are the definition's."""
     content, said = read_campaign(folder), definition.as_json()
     for key in keys:
         if content[key] != said[key]:
@@ -162,7 +164,7 @@ def _short(value: Any) -> str:
 
 
 def read_campaign(folder: Path) -> dict[str, Any]:
-    """The content of a folder's campaign.json; InputError unless each key has a value of its kind."""
+    """Return the content of a folder's campaign.json; InputError unless each key has a value of its kind."""
     path = folder / CAMPAIGN
     wrong = InputError(f"{path}: no campaign's definition; expected what `launchid campaign` wrote")
     try:
@@ -182,7 +184,7 @@ def read_campaign(folder: Path) -> dict[str, Any]:
 
 
 def read_flights(path: Path, definition: Definition) -> Flights:
-    """A finished table: this definition's flights; InputError for any other."""
+    """Return the flights of a finished table; InputError unless they are this definition's, all or up to a decision."""
     watch, enough = _watch(definition), None
     seeds, outcomes = list[int](), list[Outcome]()
     for number, (seed, outcome) in enumerate(_flown(path, definition)):
@@ -197,7 +199,7 @@ def read_flights(path: Path, definition: Definition) -> Flights:
 
 
 def _flown(path: Path, definition: Definition) -> Iterator[tuple[int, Outcome]]:
-    """(seed, outcome) of every row of a table; InputError for a row that is not of the seed whose turn it is."""
+    """Yield (seed, outcome) of every row of a table; InputError for a row that is not of the seed whose turn it is."""
     table = table_rows(path)
     _, header = next(table)
     keys = len(FlightJob._fields)
@@ -213,7 +215,7 @@ def _flown(path: Path, definition: Definition) -> Iterator[tuple[int, Outcome]]:
 
 
 def table_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """(line, cells) of a table of flights, its header first; InputError for what is none."""
+    """Yield (line number, cells) of a table of flights, its header first; InputError if the file is no such table."""
     try:
         with path.open(**AS_TEXT) as file:
             table = rows(str(path), file)
@@ -234,10 +236,10 @@ def table_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def merge(definition: Definition, parts: Sequence[Path], folder: Path) -> tuple[Definition, Flights]:
-    """The definition of the parts together, and one table of their flights: whole, of this nominal, of consecutive
-    seeds.
+    """Merge finished parts into one table in `folder`; return the whole's definition and its flights.  InputError
+    unless the parts are of this nominal and of consecutive seeds.
 
-    definition  its seed and flights are not looked at, they are the parts' own
+    definition  its seed and flights are not used: they follow from the parts
     """
     ordered = sorted(((_part(definition, part), part) for part in parts), key=lambda each: each[0].seed)
     first = seed = ordered[0][0].seed
@@ -266,7 +268,7 @@ def _header(part: Path) -> list[str]:
 
 
 def _part(definition: Definition, part: Path) -> Definition:
-    """The definition of a part; InputError if it is not one of this campaign's, or not flown yet."""
+    """Return a part's definition; InputError if it is not a part of this campaign, or not flown to its end."""
     said = _check_same(part, definition, COMMON_KEYS, "a part of another campaign", "expected parts of this one")
     if not _is_done(part):
         raise InputError(f"{part}: not flown to its end; run its command again")

@@ -1,10 +1,10 @@
-"""The text of what a campaign has to prove.
+"""Read the text of a requirement on a campaign.
 
     lost<PROBABILITY@CONFIDENCE             a flight is lost with a probability below PROBABILITY
     METRIC<VALUE:SHARE@CONFIDENCE           more than SHARE of the flights keep METRIC below VALUE
 
 Both ask for the same thing: a flight fails with a probability below `probability`, said with `confidence`.  A flight
-that is lost fails whatever is asked.
+that is lost fails every requirement.
 """
 
 import re
@@ -26,7 +26,8 @@ EXPECTED = ("expected lost<PROBABILITY@CONFIDENCE as in 'lost<0.00135@0.9', or M
 
 @dataclass(frozen=True)
 class Requirement:
-    """A flight fails with a probability below `probability`."""
+    """A flight fails with a probability below `probability`, to prove with `confidence`; it fails if it is lost or if
+    `metric` is not below `limit`."""
 
     text: str
     metric: str          # lost, or one of METRICS
@@ -35,14 +36,14 @@ class Requirement:
     confidence: float
 
     def fails(self, row: Row) -> bool:
-        """Whether this flight has failed; a metric that is not a number has."""
+        """Whether the flight of this row fails: it is lost, or its metric is not below the limit, or NaN."""
         if row["lost"] or self.limit is None:
             return bool(row["lost"])
         return not float(row[self.metric]) < self.limit
 
 
 def requirement(text: str) -> Requirement:
-    """UsageError, one line, for a text that is none."""
+    """Return the requirement that a text says, as in `lost<0.00135@0.9`; UsageError of one line for any other text."""
     match = REQUIREMENT.fullmatch(PERCENT.sub(lambda found: str(Decimal(found[1]) / 100), text))
     if match is None:
         raise _wrong(text, EXPECTED)

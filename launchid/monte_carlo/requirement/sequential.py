@@ -27,7 +27,7 @@ takes 2,880.  What it buys: such a vehicle is known after 2,210 flights of howev
 The weights.  Below p: p_j = p q_j^2, q_j evenly spread in 0..1 (Jeffreys' Beta(1/2, .) on so short a stretch), which
 bets most on a vehicle far better than asked and still learns from failures.  Above: p_j = p^(q_j), even in log p.
 
-The count of a campaign's flights in the order of their seeds, and says when its requirements are decided.
+`Watch` counts a campaign's flights in the order of their seeds, and says when its requirements are decided.
 
 Flights end in any order on many workers; what is said depends on the first n by their numbers alone, so it is the same
 whoever flew them.  A flight without a result (an error) counts against the verdict that is asked: as failed where the
@@ -45,7 +45,8 @@ from .grammar import Requirement
 
 
 def cumulative(most: int, flights: int, probability: float) -> np.ndarray:
-    """(most + 1,) probability of at most 0, 1, ... `most` failures among n flights that fail with this probability."""
+    """Return (most + 1,) the binomial probabilities of at most 0, 1, ... `most` failures in `flights` flights, each
+    failing with `probability`."""
     j = np.arange(1, most + 1)
     ratios = np.log((flights - j + 1) / j) + (math.log(probability) - math.log1p(-probability))
     first = flights * math.log1p(-probability)
@@ -53,30 +54,32 @@ def cumulative(most: int, flights: int, probability: float) -> np.ndarray:
 
 
 def wilks_rank(n: int, share: float, confidence: float) -> int:
-    """Largest r such that the r-th largest of n holds `share` with `confidence`; 0: too few."""
+    """Return the largest r such that the r-th largest of n values bounds `share` of all with `confidence`; 0: too
+    few."""
     return 0 if n == 0 else int(np.sum(cumulative(n - 1, n, 1.0 - share) <= 1.0 - confidence))
 
 
 @dataclass(frozen=True)
 class Planned:
-    """n flights, all flown, then judged: do they prove a probability of failure below `probability`, or above it."""
+    """Test of a planned number n of flights, judged once all are flown: is the probability of failure below or above
+    `probability`, with `confidence`."""
 
     probability: float
     confidence: float
 
     def allowed(self, n: int) -> int:
-        """The most failures of n that prove it is below; -1: n are too few."""
+        """Return the most failures of n flights that prove a probability below `probability`; -1: n are too few."""
         return wilks_rank(n, 1.0 - self.probability, self.confidence) - 1
 
     def is_met(self, n: int, failures: int) -> bool:
         return failures <= self.allowed(n)
 
     def is_refuted(self, n: int, failures: int) -> bool:
-        """Do they prove that it is above."""
+        """Whether the failures of n flights prove a probability of failure above `probability`."""
         return failures > 0 and self._at_least(n, failures, self.probability) <= 1.0 - self.confidence
 
     def flights_needed(self, failures: int) -> int:
-        """The smallest n of which so many failures are allowed."""
+        """Return the least number of flights that, with so many failures, proves a probability below `probability`."""
         high = failures + 1
         while not self._proves(high, failures, self.probability):
             high *= 2
@@ -87,7 +90,7 @@ class Planned:
         return high
 
     def bounds(self, n: int, failures: int) -> tuple[float, float]:
-        """The probability of failure is above the first, and below the second, each with the confidence."""
+        """Return (lower, upper) bound of the probability of failure, each one-sided with `confidence`."""
         upper = 1.0 if failures == n else halved(
             failures / n, 1.0, lambda p: self._proves(n, failures, p))
         lower = 0.0 if failures == 0 else halved(
@@ -99,13 +102,12 @@ class Planned:
 
     @staticmethod
     def _at_least(n: int, failures: int, probability: float) -> float:
-        """Probability of so many failures or more: of as few successes."""
+        """Return the probability of so many failures or more: of as few successes."""
         return float(cumulative(n - failures, n, 1.0 - probability)[-1])
 
 
 def halved(inside: float, outside: float, holds: Callable[[float], bool]) -> float:
-    """The place where `holds`, false at `inside`, becomes true for good on the way to `outside`, which is never
-    evaluated."""
+    """Return by bisection where `holds`, False at `inside`, turns True towards `outside` (which is not evaluated)."""
     for _ in range(60):  # to the last bits of a double
         middle = 0.5 * (inside + outside)
         inside, outside = (inside, middle) if holds(middle) else (middle, outside)
@@ -118,50 +120,50 @@ MIN_PROBABILITY = 1e-15  # a probability that no campaign can tell from 0
 
 
 def log_evidence(n: int, failures: int, probability: float, others: np.ndarray) -> float:
-    """log E_n against a probability, of bets on the others (m,), in equal parts."""
+    """Return log E_n of n flights with these failures against `probability`, `others` (m,) weighted equally."""
     ratio = failures * np.log(others / probability) + (n - failures) * (np.log1p(-others) - math.log1p(-probability))
     largest = float(np.max(ratio))
     return largest + math.log(float(np.mean(np.exp(ratio - largest))))
 
 
 def below(probability: float) -> np.ndarray:
-    """Probabilities that speak against this one or any above."""
+    """Return alternatives (BETS,) below `probability`: their evidence speaks against it and any larger one."""
     return probability * SPREAD**2
 
 
 def above(probability: float) -> np.ndarray:
-    """Probabilities that speak against this one or any below."""
+    """Return alternatives (BETS,) above `probability`: their evidence speaks against it and any smaller one."""
     return probability**SPREAD
 
 
 @dataclass(frozen=True)
 class Sequential:
-    """A proof as `Planned`, but one that holds after any flight, and whenever the campaign stops."""
+    """Test as `Planned`, but valid after any number of flights, whenever the campaign stops (see the module)."""
 
     probability: float
     confidence: float
 
     def is_met(self, n: int, failures: int) -> bool:
-        """Do n flights prove that fewer fail."""
+        """Whether the failures of n flights prove a probability of failure below `probability`."""
         return self._convinces(n, failures, self.probability, below)
 
     def is_refuted(self, n: int, failures: int) -> bool:
-        """Do they prove that more fail."""
+        """Whether the failures of n flights prove a probability of failure above `probability`."""
         return self._convinces(n, failures, self.probability, above)
 
     def allowed(self, n: int) -> int:
-        """The most failures of n that prove that fewer fail; -1: n are too few."""
+        """Return the most failures of n flights that prove a probability below `probability`; -1: n are too few."""
         return _largest(lambda k: k < 0 or self.is_met(n, k), -1, n)
 
     def flights_needed(self, failures: int) -> int:
-        """The smallest n of which so many failures are allowed."""
+        """Return the least number of flights that, with so many failures, proves a probability below `probability`."""
         high = failures + 1
         while not self.is_met(high, failures):
             high *= 2
         return _largest(lambda n: not self.is_met(n, failures), failures, high) + 1
 
     def bounds(self, n: int, failures: int) -> tuple[float, float]:
-        """The probability of failure is above the first, and below the second, each with the confidence, at all n."""
+        """Return (lower, upper) bound of the probability of failure, each with `confidence` at all n together."""
         if n == 0:
             return 0.0, 1.0
         share = failures / n
@@ -177,7 +179,7 @@ class Sequential:
 
 
 def _largest(holds: Callable[[int], bool], low: int, high: int) -> int:
-    """The largest integer of low <= x < high + 1 for which it holds, as it does at low and up to some x."""
+    """Return the largest integer low <= x < high + 1 for which `holds` is True, as it is at low and up to some x."""
     high += 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -190,7 +192,7 @@ Rule = Planned | Sequential
 
 
 class Count:
-    """One requirement: flights, failures and errors so far, and what they decide."""
+    """One requirement's flights, failures and errors so far, its verdict, and after how many flights it was decided."""
 
     def __init__(self, requirement: Requirement, rule: Rule) -> None:
         self.requirement, self.rule = requirement, rule
@@ -201,7 +203,7 @@ class Count:
         self._refuting = False               # has a failure come since the last look: nothing else can refute
 
     def take(self, outcome: Outcome) -> None:
-        """The next flight."""
+        """Count the next flight: a failure, an error (a text) or neither."""
         self.flights += 1
         if isinstance(outcome, str):
             self.errors += 1
@@ -213,7 +215,7 @@ class Count:
         self.flights_needed = self.rule.flights_needed(self.failures + self.errors)
 
     def look(self) -> None:
-        """Set the verdict, if these flights decide it and no earlier ones did."""
+        """Set the verdict if the flights so far decide it; a verdict once set stays."""
         if self.verdict != UNDECIDED:
             return
         if self.flights >= self.flights_needed:
@@ -224,9 +226,9 @@ class Count:
 
 
 class Watch:
-    """Outcomes by their numbers, in any order -> the number of flights that decided everything, or None.
+    """Counts flights in the order of their numbers, in whatever order they end, until all requirements are decided.
 
-    planned  all flights are flown, and judged once, at the end; else after each
+    planned  judge once, in `end`, after all flights; else after each
     """
 
     def __init__(self, requirements: Sequence[Requirement], planned: bool) -> None:
@@ -237,7 +239,7 @@ class Watch:
         self._ahead: dict[int, Outcome] = {}
 
     def __call__(self, number: int, outcome: Outcome) -> int | None:
-        """Take a flight's outcome; returns how many flights, from the first, are enough, None while none are."""
+        """Take the outcome of flight `number`; return how many flights, from the first, decide, None while none do."""
         if number >= self.flights:
             self._ahead.setdefault(number, outcome)
         while self.flights in self._ahead:
@@ -252,7 +254,7 @@ class Watch:
         return None
 
     def end(self) -> None:
-        """No further flight comes."""
+        """Judge the flights counted so far; call it when no further flight comes."""
         for count in self.counts:
             count.look()
 

@@ -1,4 +1,4 @@
-"""The verdict of a table of flights on the requirements: the JSON, the words, and the picture."""
+"""Judge a table of flights against the requirements: JSON, text for a terminal, figure."""
 
 import math
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from .sequential import NOT_MET, UNDECIDED, Count, Planned, Sequential, Watch
 
 
 def judged(definition: Definition, requirements: Sequence[Requirement], flights: Flights) -> dict[str, Any]:
-    """The verdict's JSON."""
+    """Return the JSON of `launchid campaign`: flights, losses, verdicts on each and on all requirements, metrics."""
     watch = Watch(requirements, definition.planned)
     for number, outcome in enumerate(flights.outcomes):
         watch(number, outcome)
@@ -29,7 +29,7 @@ def judged(definition: Definition, requirements: Sequence[Requirement], flights:
 
 
 def _overall(counts: Sequence[Count]) -> str | None:
-    """The verdict on all requirements, which is the worst of theirs; None if there is none."""
+    """Return the verdict on all requirements, the worst of theirs; None without requirements."""
     said = {count.verdict for count in counts}
     if len(said) <= 1:
         return said.pop() if said else None
@@ -54,7 +54,7 @@ def _none_below_0(allowed: int) -> int | None:
 
 
 def quantile(count: Count, flights: Flights) -> dict[str, Any]:
-    """The order statistic that is above the metric's quantile of order 1 - probability, with the confidence.
+    """Return the order statistic that is above the metric's quantile of order 1 - probability, with the confidence.
 
     A flight that is lost, or has no result, counts as beyond all others; null: it is one of them, or they are too few.
     """
@@ -73,7 +73,7 @@ def _value(outcome: Any, metric: str) -> float:
 
 
 def _metric(values: Sequence[float], unit: str) -> dict[str, Any]:
-    """Median and largest value of a metric over the flights that were not lost."""
+    """Return median and largest finite value of a metric over the flights that were not lost; None without any."""
     known = [x for x in values if math.isfinite(x)]
     if not known:
         return {"unit": unit, "median": None, "largest": None}
@@ -84,7 +84,7 @@ def _metric(values: Sequence[float], unit: str) -> dict[str, Any]:
 
 
 def said(report: dict[str, Any], name: str) -> str:
-    """The verdict for a terminal."""
+    """Return the JSON `report` of a campaign as text for a terminal; `name` begins it."""
     last = report["seed"] + report["flown"] - 1
     early = "" if report["flown"] == report["flights"] else f" of {report['flights']}, and no more were needed"
     lines = [f"{name}: {report['nominal']}, {report['flown']} flights{early} (seeds {report['seed']} to {last}): "
@@ -119,7 +119,7 @@ LEGEND = {"fontsize": 7, "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "fra
 
 
 def campaign_figure(report: dict[str, Any], requirements: Sequence[Requirement], flights: Flights) -> Figure:
-    """A panel a requirement with its bounds over the flights, a panel a metric with its tail."""
+    """Return a figure: a panel per requirement (its bounds over the flights), a panel per metric (its tail)."""
     metrics = [asked.metric for asked in requirements if asked.limit is not None] if requirements else list(METRICS)
     metrics = list(dict.fromkeys(metrics))
     rows = len(requirements) + len(metrics)
@@ -140,7 +140,7 @@ def campaign_figure(report: dict[str, Any], requirements: Sequence[Requirement],
 
 
 def _bounds_panel(axis: Any, asked: Requirement, flights: Flights, planned: bool) -> None:
-    """The share that failed between its bounds, and what is asked."""
+    """Draw the share of flights that failed, its bounds, and the required probability, over the flights."""
     failed = np.cumsum([1 if isinstance(row, str) else int(asked.fails(row)) for row in flights.outcomes])
     n = len(failed)
     looks = np.array([n]) if planned else np.unique(np.geomspace(1, n, LOOKS).astype(int))
@@ -166,7 +166,7 @@ def _bounds_panel(axis: Any, asked: Requirement, flights: Flights, planned: bool
 
 
 def _tail_panel(axis: Any, metric: str, report: dict[str, Any], flights: Flights) -> None:
-    """The share of flights above each value, with limits and order statistics; the lost ones are in the share."""
+    """Draw the share of flights above each value, with limits and order statistics; lost flights are in the share."""
     values = np.sort([float(row[metric]) for row in flights.outcomes if isinstance(row, dict) and not row["lost"]])
     beyond = len(flights.outcomes) - len(values)
     share = (beyond + np.arange(len(values), 0, -1)) / len(flights.outcomes)
