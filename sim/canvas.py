@@ -1,4 +1,4 @@
-"""The frame of every figure: panels with one abscissa, written as whole files, the same bytes each time."""
+"""Make and save the figures: panels over one abscissa, files written whole and with the same bytes each time."""
 
 import sys
 from pathlib import Path
@@ -19,7 +19,7 @@ METADATA: dict[str, dict[str, Any]] = {  # what would differ from day to day is 
 
 
 def check_suffix(path: str | Path) -> str:
-    """The format that the path's suffix asks for; UsageError if it is none."""
+    """Return the path's suffix as the format to write (.png without one); UsageError unless .png, .svg or .pdf."""
     suffix = as_path(path).suffix.lower() or ".png"
     if suffix not in METADATA:
         raise UsageError(f"{path}: a plot is written as .png, .svg or .pdf")
@@ -27,7 +27,7 @@ def check_suffix(path: str | Path) -> str:
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a PNG (or what the suffix says) whole or not at all, the same bytes each time."""
+    """Write the figure as PNG, or as the suffix says; whole or not at all, the same bytes each time.  Closes it."""
     suffix = check_suffix(path)
     with atomic_path(path) as temporary, matplotlib.rc_context({"svg.hashsalt": "launchid"}):
         figure.savefig(temporary, dpi=DPI, bbox_inches="tight", format=suffix[1:], metadata=METADATA[suffix])
@@ -37,7 +37,7 @@ def save(figure: Figure, path: str | Path) -> None:
 
 
 def panels(rows: int, title: str, height: float = 2.0) -> tuple[Figure, list[Any]]:
-    """Axes below each other with one abscissa, of a figure that no window shows by itself."""
+    """Return a figure and its `rows` axes, each `height` [inch], over one abscissa; no window shows it by itself."""
     figure = Figure(figsize=(9, 0.8 + height * rows), layout="constrained")
     axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
     figure.suptitle(title, fontsize=11)

@@ -1,6 +1,6 @@
-"""The rows of a CSV text, one at a time, each with the line that it begins on.
+"""Read the rows of a CSV text one at a time, each with the line that it begins on.
 
-What is no such text is an InputError of one line that names it: another kind of file, another encoding, a quote that is
+Anything else is an InputError of one line that names it: another kind of file, another encoding, a quote that is
 not closed, a line without an end.  Memory is that of one row, whatever the file holds.
 """
 
@@ -34,9 +34,9 @@ AS_TEXT: Any = {"encoding": "utf-8-sig", "errors": "surrogateescape", "newline":
 
 
 def rows(path: str, file: TextIO, delimiter: str = ",") -> Iterator[tuple[int, list[str]]]:
-    """(line it begins on, cells) of every row that is not blank.
+    """Yield (line it begins on, cells) of every row that is not blank; InputError for a text that is not CSV.
 
-    file  opened with AS_TEXT: what is no UTF-8 is found here, with its line
+    file  opened with AS_TEXT: bytes that are not UTF-8 are found here, with their line; path  for messages
     """
     lines = Lines(path, file)
     reader = csv.reader(lines, delimiter=delimiter, strict=True)
@@ -54,7 +54,7 @@ def rows(path: str, file: TextIO, delimiter: str = ",") -> Iterator[tuple[int, l
 
 
 class Lines:
-    """The lines of a file; `number` is that of the last one given.
+    """Iterator over the lines of a file, each checked (InputError); `number` is that of the last line given.
 
     A line without an end is the last: what a file that grows has got meanwhile would be its other half.
     """
@@ -102,7 +102,7 @@ class Lines:
 
 
 def _reason(error: str, over_lines: bool, delimiter: str) -> str:
-    """The meaning of an error of the csv module, with what was expected."""
+    """Return what an error of the csv module means, and what was expected."""
     if "end of data" in error or ("field limit" in error and over_lines):
         return "a quote is opened and not closed; expected a closing quote, or none"
     if "field limit" in error:

@@ -1,6 +1,6 @@
-"""The world outside a flight that nobody knows before: wind and offsets, drawn.
+"""Draw the wind and the constant offsets of a flight, which nobody knows before it.
 
-Each source has a random stream of its own, so that one is left alone by the others and by the noises of
+Each source has its own random stream, so that one is left alone by the others and by the noises of
 `sim.flight`; same seed, same draws.
 """
 
@@ -18,7 +18,7 @@ OFFSET_DRAWS = ("thrust_misalignment", "attitude_bias", "gyro_bias", "nozzle_sen
 
 
 def _draws(seed: int, stream: str, count: int, source: int = 0) -> np.ndarray:
-    """`count` standard normal draws of a source, the first, second... of its kind."""
+    """Return `count` standard normal draws of stream and seed; `source` counts the sources of one stream."""
     key = (_DISTURBANCE_STREAMS[stream], seed, source) if source > 0 else (_DISTURBANCE_STREAMS[stream], seed)
     return np.random.default_rng(key).standard_normal(count)
 
@@ -27,7 +27,7 @@ def _draws(seed: int, stream: str, count: int, source: int = 0) -> np.ndarray:
 
 
 def drawn_offsets(offsets: Offsets | None, seed: int) -> dict[str, float]:
-    """Name -> value of the constants that are not known to be 0; empty if all are."""
+    """Draw the offsets whose sigma is above 0 by the seed; return name -> value [unit of the offset]."""
     if offsets is None:
         return {}
     draws = _draws(seed, "offsets", len(OFFSET_DRAWS)).tolist()
@@ -36,7 +36,7 @@ def drawn_offsets(offsets: Offsets | None, seed: int) -> dict[str, float]:
 
 
 def offset_effects(drawn: dict[str, float]) -> tuple[Effect, ...]:
-    """The drawn offsets that are causes of the catalogue, as effects: all but the moment."""
+    """Return the drawn offsets (name -> value) as effects of the catalogue; the moment, which is none, is left out."""
     return tuple(effect(name, **{"rate" if name == "gyro_bias" else "angle": value})
                  for name, value in drawn.items() if name != "moment")
 
@@ -46,7 +46,7 @@ def offset_effects(drawn: dict[str, float]) -> tuple[Effect, ...]:
 
 def drawn_wind(wind: Wind | None, seed: int, steps: int, step: float,
                changes: Changes = NO_CHANGES) -> np.ndarray | None:
-    """The wind angle (steps + 1,) [rad] at every step [s] of the flight; None if it is calm.
+    """Draw the wind angle (steps + 1,) [rad] at every step (of `step` [s]) of the flight; None if it is calm.
 
     changes  of the effects: each source of chance is drawn by itself, the nominal's first
     """
@@ -69,10 +69,9 @@ Pairs = list[tuple[float, float]]
 
 
 def sources(wind: Wind | None, changes: Changes) -> tuple[Pairs, Pairs]:
-    """Walks (level [rad/sqrt(s)], one sigma at t = 0 [rad]) and turbulences (level [rad], time constant [s]) that blow.
-
-    A `wind_walk` among the effects begins at 0: a wind of any strength at t = 0 is `steady_wind`'s.
-    """
+    """Return the random sources of wind above 0, the nominal's first: walks (level [rad/sqrt(s)], one sigma at t = 0
+    [rad]) and turbulences (level [rad], time constant [s]).  A `wind_walk` among the effects begins at 0: use
+    `steady_wind` for more."""
     walks = [(wind.walk, wind.initial)] if wind is not None else []
     turbulences = [(wind.turbulence, wind.turbulence_time)] if wind is not None else []
     return ([walk for walk in (*walks, *changes.walks) if max(walk) > 0.0],
@@ -81,10 +80,10 @@ def sources(wind: Wind | None, changes: Changes) -> tuple[Pairs, Pairs]:
 
 @kernel
 def coloured(white, share):
-    """A stationary first-order process of unit variance, exact at the steps:
+    """Turn white noise into a stationary first-order process of unit variance, exact at the steps:
     x_k = share x_(k-1) + sqrt(1 - share^2) n_k.
 
-    white (n,) inout  standard normal draws in, the process out, which is returned;  share  exp(-step/time constant)
+    white (n,) inout  standard normal draws in, the process out, also returned;  share  exp(-step/time constant)
     """
     fresh = math.sqrt(1.0 - share * share)
     for k in range(1, white.shape[0]):

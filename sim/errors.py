@@ -1,4 +1,4 @@
-"""The two ways a user's input can be wrong, and how a command says that it was stopped."""
+"""Errors of a user's input, told in one line (InputError: a file, UsageError: the command), and exit statuses."""
 
 import contextlib
 import difflib
@@ -15,7 +15,7 @@ EXTRAS = {  # module -> the extra that brings it
 
 
 def one_line(text: str) -> str:
-    """A message in one line, whatever keys and paths hold."""
+    """Return the text with every unprintable character escaped, so that it stays one line."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
@@ -33,7 +33,7 @@ def did_you_mean(word: str, words: Iterable[str], otherwise: str = "") -> str:
 
 
 class Told(Exception):
-    """An error whose one line is written for the user."""
+    """Base of the errors whose message is one line written for the user."""
 
     def __str__(self) -> str:
         return one_line(super().__str__())
@@ -48,7 +48,7 @@ class UsageError(Told):
 
 
 def extra_needed(error: ModuleNotFoundError) -> UsageError:
-    """The error that says which extra to install for a module; any other missing module is a fault, and is raised
+    """Return the UsageError that says which extra installs the missing module; any other module's error is raised
     again."""
     name = (error.name or "").split(".")[0]
     if name not in EXTRAS:
@@ -58,7 +58,7 @@ def extra_needed(error: ModuleNotFoundError) -> UsageError:
 
 @contextlib.contextmanager
 def extras_named() -> Iterator[None]:
-    """A module of an extra that is not installed is wrong usage, in one line."""
+    """Turn a ModuleNotFoundError of an extra's module within the context into a UsageError that names the extra."""
     try:
         yield
     except ModuleNotFoundError as error:

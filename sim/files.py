@@ -38,7 +38,7 @@ _inputs: ContextVar[set[_Identity] | None] = ContextVar("inputs", default=None)
 
 @contextlib.contextmanager
 def inputs_spared() -> Iterator[None]:
-    """A context in which a file that was named to `reads` is refused as an output."""
+    """Return a context in which `check_output` refuses files named to `reads`, the command's inputs."""
     token = _inputs.set(set())
     try:
         yield
@@ -47,7 +47,7 @@ def inputs_spared() -> Iterator[None]:
 
 
 def reads(path: str | Path | int) -> None:
-    """Name a file that is read, by its path or its descriptor."""
+    """Note a file (path or descriptor) as an input, within `inputs_spared`; it is refused as an output then."""
     known = _inputs.get()
     if known is not None:
         with contextlib.suppress(OSError, ValueError):
@@ -56,7 +56,7 @@ def reads(path: str | Path | int) -> None:
 
 
 def is_read(path: str | Path) -> bool:
-    """Whether this file was named to `reads`."""
+    """Whether the file at `path` was named to `reads`."""
     return _is_input(os.stat(path))
 
 
@@ -65,7 +65,7 @@ def _is_input(status: os.stat_result) -> bool:
 
 
 def as_path(path: object) -> Path:
-    """The path that Python hands over; UsageError if it can be none."""
+    """Return `path` as a Path; UsageError if it is no path or holds a NUL."""
     if not isinstance(path, (str, os.PathLike)) or not isinstance(os.fspath(path), str):
         raise UsageError(f"expected a path; found {type(path).__name__}")
     if "\0" in os.fspath(path):
@@ -74,7 +74,7 @@ def as_path(path: object) -> Path:
 
 
 def check_output(path: str | Path) -> os.stat_result | None:
-    """The status of the file at an output's path, None if there is none; InputError if it cannot be written there."""
+    """Return the status of the file at an output's path, None if there is none; InputError if not writable."""
     try:
         status = os.stat(as_path(path))
     except FileNotFoundError:
@@ -96,7 +96,7 @@ def check_output(path: str | Path) -> os.stat_result | None:
 
 
 def _check_place(path: str | Path) -> None:
-    """InputError unless the folder takes a new file, also in the place of an old one."""
+    """Raise InputError unless the path's folder takes a new file, also in the place of an old one."""
     place = Path(os.path.realpath(path)).parent
     if not place.is_dir():
         raise InputError(f"{path}: cannot be written (no such folder)")
@@ -106,7 +106,7 @@ def _check_place(path: str | Path) -> None:
 
 @contextlib.contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A temporary path whose file becomes the output when the block ends well, and goes when it does not."""
+    """Give a temporary path whose file becomes the output `path` when the block ends well, and is removed if not."""
     path = as_path(path)
     status = check_output(path)
     try:
@@ -137,7 +137,7 @@ def _unwritable(path: str | Path, error: OSError) -> InputError:
 
 
 def _stream(status: os.stat_result) -> int | None:
-    """The descriptor of stdout or stderr if that is what was found."""
+    """Return the descriptor of stdout or stderr if `status` is that file's; else None."""
     for number in (1, 2):
         with contextlib.suppress(OSError):
             if os.path.samestat(os.fstat(number), status):
@@ -146,7 +146,7 @@ def _stream(status: os.stat_result) -> int | None:
 
 
 def _write_through(temporary: Path, path: Path) -> None:
-    """Copy to what is no file of ours to replace: to stdout where it has come to, elsewhere as a shell's `>>` does."""
+    """Copy to a file that must not be replaced: to stdout where it has come to, elsewhere as a shell's `>>` does."""
     number = _stream(os.stat(path))
     sys.stdout.flush()
     handle = os.open(path, os.O_WRONLY | os.O_APPEND) if number is None else os.dup(number)
@@ -158,7 +158,7 @@ def _write_through(temporary: Path, path: Path) -> None:
 
 
 def _claimed(target: Path) -> tuple[int | None, Path]:
-    """A new hidden file and the descriptor that holds its lock: as long as that is open, its process lives."""
+    """Return (descriptor, path) of a new hidden file; the descriptor holds its lock while its process lives."""
     while True:
         path = target.parent / f".{target.name[:NAME_CHARACTERS]}.{secrets.token_hex(8)}.launchid"
         try:
@@ -198,7 +198,7 @@ def _umask() -> int:
 
 
 def check_folder(path: str | Path) -> None:
-    """InputError unless there is such a folder or one can be made: told before what goes into it is computed."""
+    """Raise InputError unless the folder exists or can be made: before anything that goes into it is computed."""
     place = as_path(path).absolute()
     there = next(part for part in (place, *place.parents) if os.path.lexists(part))
     if not there.is_dir():
@@ -208,7 +208,7 @@ def check_folder(path: str | Path) -> None:
 
 
 def make_folder(path: str | Path) -> Path:
-    """The folder, made if it is not there."""
+    """Return the folder, made with its parents if it is not there; InputError if it cannot be made."""
     folder = as_path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -218,13 +218,13 @@ def make_folder(path: str | Path) -> Path:
 
 
 def write_text(path: str | Path, lines: Iterable[str]) -> None:
-    """Write a text file whole or not at all."""
+    """Write the lines (each with its newline) as a UTF-8 text file, whole or not at all."""
     with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         file.writelines(lines)
 
 
 def remove(path: str | Path) -> None:
-    """Remove an earlier output, if there is one and it is a file."""
+    """Remove an earlier output file, if there is one; InputError if it cannot be written."""
     if os.path.isfile(path):
         check_output(path)
         Path(path).unlink()

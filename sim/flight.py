@@ -1,4 +1,4 @@
-"""The flight of a nominal: whole, or one `Sample` at a time for a host loop.
+"""Fly a nominal: the whole flight at once, or one `Sample` at a time for a host loop.
 
 Two sensor suites: `ideal`, the paper's (true theta, theta_dot, beta, theta_ddot
 at the integration step, no unmodelled acceleration; navigation noise on the
@@ -8,7 +8,7 @@ Effects on a sensor (bias, scale, delay) show in both.
 
 Noise: one independent stream a source, one draw per integration step or
 controller period, so a flight's noise does not depend on the rate of its log, nor
-on the world outside it: wind and offsets (`sim.disturbance_draws`) have streams of their own.
+on wind and offsets (`sim.disturbance_draws`), which have other streams.
 """
 
 import math
@@ -67,23 +67,23 @@ class Flight:
     offsets: dict[str, float]
 
     def samples(self) -> Iterator[Sample]:
-        """The log as the estimator's samples."""
+        """Yield the log's rows as the estimator's samples."""
         return starmap(Sample, self.rows().tolist())
 
     def rows(self) -> np.ndarray:
-        """The same as an array (n, 7), for `Estimator.replay`."""
+        """Return an array (n, 7) for `Estimator.replay`: t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma."""
         return np.column_stack([self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd,
                                 self.gamma])
 
 
 def is_whole(value: float, unit: float) -> bool:
-    """Whether value/unit is an integer >= 1."""
+    """Whether value/unit is an integer >= 1, to 1e-6."""
     ratio = value / unit
     return math.isfinite(ratio) and round(ratio) >= 1 and abs(ratio - round(ratio)) <= 1e-6
 
 
 def whole(value: float, unit: float, name: str) -> int:
-    """value/unit as an integer >= 1; UsageError if it is none."""
+    """Return value/unit [s/s] as an integer >= 1; UsageError, which calls the value `name`, if it is none."""
     if not is_whole(value, unit):
         raise UsageError(f"{name} {value!r}: expected a whole number of simulation steps ({unit} s)")
     return round(value / unit)
@@ -91,7 +91,7 @@ def whole(value: float, unit: float, name: str) -> int:
 
 def parameters(nominal: Nominal, t: np.ndarray, a6_factor: Factor = 1.0,
                k1_factor: Factor = 1.0, effects: Iterable[Effect] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """True a6 and k1 at times t (n,) [s]: the nominal's times the factors, with its effects and these further ones.
+    """Return true a6 and k1 at times t (n,) [s]: the nominal's times the factors, with its effects and `effects`.
 
     Of a plant given by terms they are the coefficients of `theta` and `beta`.
     """
@@ -103,7 +103,7 @@ def parameters(nominal: Nominal, t: np.ndarray, a6_factor: Factor = 1.0,
 
 
 def packed(nominal: Nominal, effects: Iterable[Effect] = (), centre: float | None = None) -> Changes:
-    """What the nominal's further terms, its effects and these change.
+    """Return what the nominal's further terms, its effects and `effects` change, together.
 
     centre  [s] a `middle` that is not given; None: of the nominal's flight
     """
@@ -116,7 +116,7 @@ def packed(nominal: Nominal, effects: Iterable[Effect] = (), centre: float | Non
 
 
 def dispersion(nominal: Nominal, delta_a6: float, delta_k1: float) -> tuple[Factor, Factor]:
-    """Factors 1 + sigma(t) delta of the two parameters (the paper's eq. 7)."""
+    """Return the functions of t [s] 1 + sigma(t) delta by which a6 and k1 are multiplied (the paper's eq. 7)."""
     nominal.require("uncertainty")
     sigma = nominal.uncertainty
     assert sigma is not None
@@ -124,21 +124,21 @@ def dispersion(nominal: Nominal, delta_a6: float, delta_k1: float) -> tuple[Fact
 
 
 def noise(seed: int, stream: str, std: float, count: int) -> np.ndarray:
-    """`count` normal draws of a source: same seed, same draws, whatever the other sources do."""
+    """Return `count` normal draws of standard deviation `std` from a source's stream: the seed alone decides them."""
     if std == 0.0:
         return np.zeros(count)
     return std * np.random.default_rng((_STREAMS[stream], seed)).standard_normal(count)
 
 
 def excitation(nominal: Nominal, ticks: int, period: float) -> np.ndarray:
-    """The test input [rad] of each controller period; -0.0, which changes no bit of a sum, where there is none."""
+    """Return the test input (ticks,) [rad] of each controller period of `period` [s]; -0.0 where there is none."""
     t = np.round(np.arange(ticks) * period, CLOCK_DIGITS)
     return np.full(ticks, -0.0) if nominal.test_input is None else nominal.test_input.at(t)
 
 
 def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_factor: Factor,
             k1_factor: Factor, effects: Iterable[Effect] = ()) -> tuple[Vehicle, int]:
-    """A vehicle on the pad, and the steps of its flight."""
+    """Return a vehicle ready to fly from t = 0, and its number of steps; arguments as `fly_whole`."""
     nominal.require("actuator", "controller", "guidance", "simulation")
     if suite not in SUITES:
         raise UsageError(f"suite {suite!r}: expected one of {', '.join(SUITES)}")
@@ -182,7 +182,7 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
 
 
 def constants(nominal: Nominal) -> dict[str, float]:
-    """The constants of a nominal that can fly, as the compiled step names them."""
+    """Return the constants of a nominal that can fly, FLIGHT's field name -> value in SI units."""
     actuator, controller, sensors = nominal.actuator, nominal.controller, nominal.sensors
     simulation = nominal.simulation
     assert actuator is not None and controller is not None and simulation is not None
@@ -197,21 +197,20 @@ def constants(nominal: Nominal) -> dict[str, float]:
 
 
 def sections(nominal: Nominal) -> np.ndarray:
-    """The sections (n,) SECTION of the controller's filters, at rest."""
+    """Return the controller's filters as an array (n,) of SECTION, at rest."""
     assert nominal.controller is not None
     return np.array([(*section.b, *section.a[1:], 0.0, 0.0) for section in nominal.controller.filters], SECTION)
 
 
 def measured_gamma(nominal: Nominal, seed: int, suite: str, steps: int) -> np.ndarray:
-    """The error (steps,) [rad] that navigation adds to the true flight-path angle at every step; NaN without
-    [drift]."""
+    """Return navigation's error (steps,) [rad] of the flight-path angle at every step; NaN without [drift]."""
     if nominal.drift is None:
         return np.full(steps, math.nan)
     return noise(seed, "gamma", 0.0 if suite == "ideal" else nominal.sensors.gamma_std, steps)
 
 
 def _columns(suite: str) -> dict[str, str]:
-    """The columns of a row that the suite's sensors read, by name."""
+    """Return column -> its name in a LOG_ROW: exact for `ideal`, noisy for `flight`."""
     return {name: f"exact_{name}" if suite == "ideal" else name for name in ("theta", "theta_dot", "beta")}
 
 
@@ -248,7 +247,7 @@ def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: fl
 
 def fly(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | None = None,
         a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, effects: Iterable[Effect] = ()) -> Iterator[Sample]:
-    """The same flight, one Sample at a time: nothing is computed before it is asked for."""
+    """Fly as `fly_whole`, but yield one Sample at a time: a step is computed when its sample is asked for."""
     vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor, effects)
     state = vehicle.flight[0]
     every = int(state.log_every)

@@ -1,6 +1,6 @@
-"""The columns of a CSV log by name, and their cells as numbers.
+"""Read the columns of a CSV log by name, their cells as numbers.
 
-Rows become numbers in blocks, column by column: what a whole log takes is its columns, 8 bytes a number.
+Rows become numbers in blocks, column by column: a whole log takes the memory of its columns, 8 bytes a number.
 """
 
 import difflib
@@ -42,7 +42,7 @@ def number(text: str) -> float | None:
 
 
 def numbers(cells: Sequence[str]) -> list[float] | None:
-    """A column as numbers, all that `number` gives; None if one is none."""
+    """Return a column of cells as numbers, as `number`; None if one is no number."""
     text = "\n".join(cells)
     if _PLAIN.match(text) and not _LONG_EXPONENT.search(text):
         try:
@@ -54,12 +54,12 @@ def numbers(cells: Sequence[str]) -> list[float] | None:
 
 
 def shown(cell: str) -> str:
-    """A cell for a message: escaped and cut."""
+    """Return a cell as text for a message: escaped, and cut to CELL_CHARACTERS."""
     return ascii(cell if len(cell) <= CELL_CHARACTERS else cell[:CELL_CHARACTERS] + "...")
 
 
 def places(path: str, header: list[str], required: tuple[str, ...], where: str = "line 1: ") -> dict[str, int]:
-    """Name -> place of the columns; InputError for a header that cannot be a log's."""
+    """Return column name -> its place in the header; InputError, which gives `where`, if it cannot be a log's."""
     names = [name.strip() for name in header]
     for name, times in Counter(names).items():
         if times > 1 and name:
@@ -73,7 +73,7 @@ def places(path: str, header: list[str], required: tuple[str, ...], where: str =
 
 
 def _without(name: str, names: list[str]) -> str:
-    """One sentence on a missing column, and on what seems to be the reason."""
+    """Return one sentence on a missing column, and on what seems to be the reason."""
     if len(names) == 1:
         for character, words in FOREIGN_DELIMITERS.items():
             if character in names[0]:
@@ -89,7 +89,7 @@ def _without(name: str, names: list[str]) -> str:
 
 
 class Columns:
-    """The columns of a CSV log: its header, read once, and its rows, as many at a time as there are.
+    """The columns of a CSV log: checks its header once, then turns any number of rows into numbers.
 
     known, ignored   name -> place of the columns that are used; names of the others, those that have one
     InputError for a header that cannot be a log's.
@@ -103,7 +103,7 @@ class Columns:
         self.ignored = tuple(name for name in names if name and name not in self.known)
 
     def numbers(self, line: int, cells: list[str], is_last: Callable[[], bool] = lambda: False) -> list[float]:
-        """One row's known cells; InputError naming line and column.  `is_last`: of a file, asked where it matters."""
+        """Return one row's known cells as numbers; InputError naming line and column.  is_last: is it the file's."""
         if len(cells) != self.width:
             raise InputError(f"{self.path}: line {line}: {self._odd_width(cells, is_last)}")
         if cells == self._header:
@@ -129,7 +129,7 @@ class Columns:
 
     def _block(self, rows: list[tuple[int, list[str]]], rest: Iterator[tuple[int, list[str]]],
                ) -> Iterator[Sequence[float]]:
-        """The known columns of these rows, before the rest; InputError for the first that cannot be read."""
+        """Return the known columns of these rows, before the rest; InputError for the first that cannot be read."""
         if all(len(cells) == self.width for _, cells in rows):
             turned = list(zip(*(cells for _, cells in rows), strict=True))
             columns = [numbers(turned[k]) for k in self.known.values()]
@@ -140,7 +140,7 @@ class Columns:
         return zip(*before, self.numbers(*rows[-1], is_last=lambda: next(rest, None) is None), strict=True)
 
     def read(self, rows: Iterable[tuple[int, list[str]]]) -> dict[str, np.ndarray]:
-        """The known columns of all these rows, each (rows,); `rows` as `csv_text.rows` gives them."""
+        """Return name -> known column (rows,) of all rows (line, cells), as `csv_text.rows` yields them."""
         columns = [array("d") for _ in self.known]  # grows where it is: no second copy at the end
         rows = iter(rows)
         while block := list(itertools.islice(rows, ROWS_A_BLOCK)):
@@ -150,6 +150,6 @@ class Columns:
                 for name, column in zip(self.known, columns, strict=True)}
 
     def values(self, rows: list[list[float]]) -> dict[str, np.ndarray]:
-        """The known columns of rows that `numbers` made."""
+        """Return name -> known column (rows,) from rows that `numbers` returned."""
         table = np.array(rows, dtype=np.float64).reshape(len(rows), len(self.known))
         return {name: table[:, k].copy() for k, name in enumerate(self.known)}

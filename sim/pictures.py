@@ -1,4 +1,4 @@
-"""The picture of a nominal's range."""
+"""Draw a nominal's a6 and k1 over flight time with their range."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from .canvas import NOMINAL_COLOUR, UNIT, panels
 
 
 def range_figure(nominal: Any) -> Figure:
-    """A nominal's parameters (`sim.nominal.Nominal`), with their range if it has one."""
+    """Return a figure of a nominal's (`sim.nominal.Nominal`) a6 and k1 over flight time, with their range if any."""
     sigma, simulation = nominal.uncertainty, nominal.simulation
     ends = [float(nominal.nodes()[-1]), simulation.duration if simulation is not None else 1.0]
     t = np.linspace(0.0, max(ends), 400)

@@ -1,4 +1,4 @@
-"""The base class of results, logs and nominals: text, a picture, a table, a page of a notebook."""
+"""Base class of results, logs and nominals: summary text, table, figure, and their page in a notebook."""
 
 import functools
 import io
@@ -20,25 +20,25 @@ PAGE_DPI = 72  # of a figure on a notebook's page: half the bytes of one that is
 
 
 class Result:
-    """A class of its own says how: `summary`, `table` and, where there is something to draw, `_figure`."""
+    """Base of what users get back; a subclass implements `summary`, `table` and, if it can be drawn, `_figure`."""
 
     def summary(self) -> str:
-        """The result in words, the first line the most important."""
+        """Return the result in words, the most important line first."""
         raise NotImplementedError
 
     def table(self) -> Columns:
-        """The result as columns of equal length."""
+        """Return the result as columns of equal length, name -> list."""
         raise NotImplementedError
 
     def _figure(self) -> "Figure":
         raise UsageError(f"{type(self).__name__.lower()}: there is nothing to draw")
 
     def plot(self, path: str | Path | None = None) -> "Figure":
-        """A matplotlib figure, which a notebook shows, written to a .png, .svg or .pdf if there is a path."""
+        """Return a matplotlib figure, which a notebook shows; also write it if `path` is given (.png, .svg, .pdf)."""
         return drawn(self._figure, path)
 
     def to_frame(self) -> Any:
-        """The columns as a pandas DataFrame; a column of which nothing is known is NaN."""
+        """Return the table as a pandas DataFrame, None as NaN in a column of None only; UsageError without pandas."""
         try:
             import pandas
         except ModuleNotFoundError as error:
@@ -53,7 +53,7 @@ class Result:
 
 
 def drawn(make: Callable[[], "Figure"], path: str | Path | None) -> "Figure":
-    """A figure, written if there is a path; UsageError for a path that is no picture's, and without matplotlib."""
+    """Return the figure of `make`, written if there is a path; UsageError for another suffix, or without matplotlib."""
     try:
         from .canvas import check_suffix, save
         if path is not None:

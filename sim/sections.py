@@ -1,4 +1,4 @@
-"""The sections of a nominal as frozen dataclasses.  SI units (s, rad); `nominal` reads and writes them."""
+"""The sections of a nominal as frozen dataclasses, SI units (s, rad); `sim.nominal` reads and writes them."""
 
 import math
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """a6 and k1 over flight time, linear between the nodes.  Arrays of equal length, t increasing."""
+    """a6 and k1 (n,) [1/s^2] at nodes t (n,) [s], increasing; linear between the nodes."""
 
     t: np.ndarray    # s
     a6: np.ndarray   # 1/s^2
@@ -24,13 +24,13 @@ class Profile:
     path: str = ""   # of the CSV file it was read from
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(a6, k1) at times t [s], held constant beyond the ends."""
+        """Return (a6, k1) at times t [s], held constant beyond the ends."""
         return np.interp(t, self.t, self.a6), np.interp(t, self.t, self.k1)
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """gamma_dot = z_alpha alpha + z_beta (beta + m) over flight time, linear between the nodes."""
+    """[drift]: gamma_dot = z_alpha alpha + z_beta (beta + m), z_alpha, z_beta [1/s] linear between nodes t [s]."""
 
     t: np.ndarray        # s, increasing
     z_alpha: np.ndarray  # 1/s
@@ -38,20 +38,20 @@ class Drift:
     path: str = ""       # of the CSV file it was read from
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(z_alpha, z_beta) at times t [s], held constant beyond the ends."""
+        """Return (z_alpha, z_beta) at times t [s], held constant beyond the ends."""
         return np.interp(t, self.t, self.z_alpha), np.interp(t, self.t, self.z_beta)
 
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """A wind that is known before the flight, linear between the nodes."""
+    """Wind (n,) [rad] that is known before the flight, at nodes t (n,) [s], linear between the nodes."""
 
     t: np.ndarray     # s, increasing
     wind: np.ndarray  # rad
     path: str = ""    # of the CSV file it was read from
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """The wind angle [rad] at times t [s], held constant beyond the ends."""
+        """Return the wind angle [rad] at times t [s], held constant beyond the ends."""
         return np.interp(t, self.t, self.wind)
 
 
@@ -61,7 +61,7 @@ UNKNOWN_WIND = 0.05  # rad, one sigma at t = 0: 3 degrees, a few m/s of mean win
 
 @dataclass(frozen=True)
 class Wind:
-    """w = profile + walk + turbulence, the angle [rad] that the air adds to the angle of attack."""
+    """[wind]: w = profile + walk + turbulence, the angle [rad] that the air adds to the angle of attack."""
 
     walk: float = 0.0                 # rad/sqrt(s), of a random walk
     turbulence: float = 0.0           # rad, one sigma of a stationary first-order process
@@ -75,14 +75,14 @@ class Wind:
 
     @property
     def is_calm(self) -> bool:
-        """No part of it can be other than 0."""
+        """Whether all parts of the wind are 0 for certain."""
         return self.walk == self.turbulence == self.initial == 0.0 and \
             (self.profile is None or not np.any(self.profile.wind))
 
 
 @dataclass(frozen=True)
 class Offsets:
-    """One sigma of constants that nobody knows before the flight; 0 is known to be 0."""
+    """[offsets]: one sigma of constants that nobody knows before the flight; one of 0 is known to be 0."""
 
     thrust_misalignment: float = 0.0  # rad, m of k1 (beta + m)
     attitude_bias: float = 0.0        # rad, on theta as measured, seen by the controller too
@@ -92,7 +92,7 @@ class Offsets:
 
     @property
     def is_known(self) -> bool:
-        """All are 0."""
+        """Whether all offsets are known to be 0."""
         return self == Offsets()
 
 
@@ -101,8 +101,8 @@ SERVO = ("natural_frequency", "damping_ratio", "delay")  # of what [actuator] ma
 
 @dataclass(frozen=True)
 class Actuator:
-    """beta_ddot = w^2 (u - beta) - 2 zeta w beta_dot, or, with a time constant T, beta_dot = (u - beta)/T; u the
-    delayed command plus noise."""
+    """[actuator]: beta_ddot = w^2 (u - beta) - 2 zeta w beta_dot, or, with a time constant T, beta_dot = (u - beta)/T;
+    u is the delayed command plus noise."""
 
     natural_frequency: float = math.nan  # w, rad/s
     damping_ratio: float = math.nan   # zeta
@@ -116,7 +116,7 @@ class Actuator:
 
     @property
     def is_known(self) -> bool:
-        """Nothing of it is left to be estimated."""
+        """Whether all of its numbers are known, so that none is estimated: every sigma is 0."""
         return self.natural_frequency_sigma == self.damping_ratio_sigma == self.delay_sigma == 0.0
 
     @property
@@ -125,18 +125,19 @@ class Actuator:
 
     @property
     def frequency(self) -> float:
-        """The frequency [rad/s]: w, or 1/T."""
+        """The servo's frequency [rad/s]: w, or 1/T."""
         return 1.0 / self.time_constant if self.is_first_order else self.natural_frequency
 
     @property
     def lag(self) -> float:
-        """The time [s] by which it follows a slow command late, its delay apart."""
+        """The time [s] by which the servo follows a slow command late, without its delay."""
         return self.time_constant if self.is_first_order else 2.0 * self.damping_ratio / self.natural_frequency
 
 
 @dataclass(frozen=True)
 class Section:
-    """y_k = b0 x_k + b1 x_(k-1) + b2 x_(k-2) - a1 y_(k-1) - a2 y_(k-2), at the controller's period, from rest."""
+    """Filter y_k = b0 x_k + b1 x_(k-1) + b2 x_(k-2) - a1 y_(k-1) - a2 y_(k-2), at the controller's period, from
+    rest."""
 
     b: tuple[float, float, float]
     a: tuple[float, float, float]     # a[0] is 1
@@ -167,18 +168,18 @@ class Controller:
 
 @dataclass(frozen=True)
 class Guidance:
-    """References, linear between the nodes, held beyond the ends."""
+    """[guidance]: attitude [rad] and rate [rad/s] references at nodes t [s], linear between, held beyond the ends."""
 
     t: tuple[float, ...]              # s, increasing
     theta_ref: tuple[float, ...]      # rad
     rate_ref: tuple[float, ...] = ()  # rad/s; (): the slope of theta_ref
 
     def attitude_at(self, t: np.ndarray) -> np.ndarray:
-        """Attitude reference [rad] at times t [s]."""
+        """Return the attitude reference [rad] at times t [s]."""
         return np.interp(t, self.t, self.theta_ref)
 
     def rate_at(self, t: np.ndarray) -> np.ndarray:
-        """Rate reference [rad/s] at times t [s]: of a slope that of the stretch that begins, 0 beyond the ends."""
+        """Return the rate reference [rad/s] at times t [s]; if not given, theta_ref's slope after t, 0 outside."""
         if self.rate_ref:
             return np.interp(t, self.t, self.rate_ref)
         slopes = np.concatenate([[0.0], np.diff(self.theta_ref) / np.diff(self.t), [0.0]])
@@ -187,7 +188,7 @@ class Guidance:
 
 @dataclass(frozen=True)
 class Multisine:
-    """Test input: sum of amplitude sin(frequency (t - start) + phase) while start <= t < start + duration,
+    """[test_input]: sum of amplitude sin(frequency (t - start) + phase) while start <= t < start + duration,
     added to the controller's output before the deflection limit."""
 
     start: float                      # s
@@ -197,7 +198,7 @@ class Multisine:
     phase: tuple[float, ...]          # rad
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """The angle [rad] of the test input at times t [s]; -0.0, which changes no bit of a sum, outside."""
+        """Return the test input [rad] at times t (n,) [s]; outside its duration -0.0, which changes no bit of a sum."""
         angle = np.zeros(len(t))
         for frequency, amplitude, phase in zip(self.frequency, self.amplitude, self.phase, strict=True):
             angle += amplitude * np.sin(frequency * (t - self.start) + phase)
@@ -206,7 +207,7 @@ class Multisine:
 
 @dataclass(frozen=True)
 class Sensors:
-    """White noise, one draw per sample; quantisation 0 is none."""
+    """[sensors]: one sigma of white noise, drawn per sample, and quantisation step (0: none) of each; period [s]."""
 
     period: float                     # s
     theta_std: float                  # rad
@@ -222,7 +223,7 @@ class Sensors:
 
 @dataclass(frozen=True)
 class Simulation:
-    """The numbers of the integration ([simulation])."""
+    """[simulation]: duration [s], step [s] of integration, one sigma of unmodelled acceleration [rad/s^2]."""
 
     duration: float                   # s
     step: float = 0.001               # s, Runge-Kutta 4
@@ -231,8 +232,8 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The numbers of a diagnosis: what a model may be off by, one sigma, without being called wrong, and the search's
-    work."""
+    """[diagnosis]: errors (one sigma) of a6, k1, times and command that a model may have without being called wrong,
+    and limits on the search's work."""
 
     tolerance: float = 0.02           # of a6 and k1, relative
     timing: float = 0.001             # s, of servo and transport times
@@ -244,7 +245,7 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class Required:
-    """The margins that the loop must keep ([margins]); 0: none is required."""
+    """[margins]: the margins that the loop must keep; one of 0 is not required."""
 
     gain_db: float = 6.0              # by which the gain may fall, and rise
     phase_deg: float = 30.0
@@ -279,7 +280,7 @@ class Nominal(Result):
     path: str = ""
 
     def nodes(self) -> np.ndarray:
-        """Times (n,) [s] at which a6, k1 or their range are given."""
+        """Return the times (n,) [s] at which a6, k1 or their range are given."""
         return self.vehicle.t if self.uncertainty is None else np.union1d(self.vehicle.t, self.uncertainty.t)
 
     def table(self) -> "Columns":
@@ -291,7 +292,7 @@ class Nominal(Result):
         return {name: x.tolist() for name, x in given.items()}
 
     def summary(self) -> str:
-        """The nominal in words: parameters with their ranges over time, sensors, and the other sections."""
+        """Return the nominal in words: parameters with their ranges over time, sensors, and the other sections."""
         def span(x: np.ndarray) -> str:
             return f"{x[0]:.4g}" if np.ptp(x) == 0.0 else f"{np.min(x):.4g} .. {np.max(x):.4g}"
 

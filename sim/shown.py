@@ -1,4 +1,4 @@
-"""Numbers as a reader is shown them: a value to where its standard deviation makes it known."""
+"""Write numbers for a reader: a value to the digit that its standard deviation makes known."""
 
 import math
 from html import escape
@@ -13,7 +13,7 @@ PLUS_MINUS = "+- is one standard deviation"   # everywhere; a 95 % interval is n
 
 
 def with_std(value: float | None, std: float | None) -> str:
-    """`4.5 +- 1.6`: two digits of the standard deviation, the value to the last of them; `-`: not known."""
+    """Return `4.5 +- 1.6`: two digits of the standard deviation, the value to the last of them; "-" if unknown."""
     if value is None or not math.isfinite(value):
         return "-"
     if std is None or not math.isfinite(std) or std <= 0.0:
@@ -25,22 +25,22 @@ def with_std(value: float | None, std: float | None) -> str:
 
 
 def known(value: float, std: float) -> float:
-    """A value to the last of two digits of its standard deviation, to NO_STD_DIGITS where it has none; never 0 for what
-    is not."""
+    """Round a value to the last of two digits of its standard deviation, to NO_STD_DIGITS without one; never to 0
+    unless it is 0."""
     if not (math.isfinite(std) and std > 0.0):
         return float(f"{value:.{NO_STD_DIGITS}g}")
     return round(value, _last_digit(std)[1]) or float(f"{value:.1g}")
 
 
 def _last_digit(std: float) -> tuple[float, int]:
-    """(A standard deviation to its two digits, the decimals of the last of them)."""
+    """Return a standard deviation rounded to two digits, and the decimals of the last of them."""
     rounded = float(f"{std:.{DIGITS - 1}e}")  # 0.0996 is 0.10
     return rounded, DIGITS - 1 - math.floor(math.log10(rounded) + 1e-12)
 
 
 def servo_lines(actuator: dict[str, dict[str, float | None]]) -> list[str]:
-    """The servo in one line, where it was estimated: a JSON's natural_frequency [rad/s], damping_ratio and delay [s],
-    each with its standard deviation."""
+    """Return the estimated servo as one line, [] if it was not estimated; actuator: a JSON's natural_frequency [rad/s],
+    damping_ratio and delay [s], each with value and std."""
     if not any(each["std"] for each in actuator.values()):
         return []
     w, damping, delay = ((actuator[name]["value"], actuator[name]["std"])
@@ -51,7 +51,7 @@ def servo_lines(actuator: dict[str, dict[str, float | None]]) -> list[str]:
 
 
 def saying_what_plus_minus_is(lines: list[str]) -> list[str]:
-    """The lines, the first with a `+-` saying what stands behind it."""
+    """Return the lines; the first with `+-` also says what stands behind it."""
     first = next((k for k, line in enumerate(lines) if " +- " in line), None)
     if first is None:
         return lines
@@ -61,7 +61,7 @@ def saying_what_plus_minus_is(lines: list[str]) -> list[str]:
 
 
 def slow_hint(period: float) -> str:
-    """A hint from a log's period [s] at the unit of its stamps; '' if there is none."""
+    """Return a hint that a log's stamps are not in seconds if its period [s] is too long for a launcher; else ''."""
     if not period > SLOWEST_PERIOD:
         return ""
     unit, factor = ("milliseconds", 1e3) if period < SLOWEST_PERIOD * 1e3 else ("microseconds", 1e6)
@@ -69,7 +69,7 @@ def slow_hint(period: float) -> str:
 
 
 def html_table(columns: dict[str, list[Any]]) -> str:
-    """Columns of equal length as HTML; what is beyond NOTEBOOK_ROWS is counted."""
+    """Return columns of equal length as an HTML table; rows beyond NOTEBOOK_ROWS are only counted."""
     rows = len(next(iter(columns.values()), []))
     shown = zip(*(x[:NOTEBOOK_ROWS] for x in columns.values()), strict=True)
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)

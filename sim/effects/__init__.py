@@ -1,6 +1,6 @@
-"""The causes of the contract as composable extensions of the simulator: one definition of each.
+"""The causes (effects) of the contract as extensions of the simulator that can be combined, each defined once.
 
-Layers: `table` says what an effect is, one file per place holds its register, what each effect changes, and the
+Layers: `table` has their types; one file per place has its causes, their changes and their
 physics; `catalogue` finds, checks and packs.  The compiled step calls places, never single effects.
 """
 

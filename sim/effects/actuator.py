@@ -45,7 +45,7 @@ ACTUATOR_EFFECTS = (
 
 
 def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
-    """Add the effect of this name, with these values, to what the flight's effects change."""
+    """Add effect `name` with parameter values p to `of`, in place: an actuator's that is more than one number."""
     match name:
         case "actuator_backlash":
             of.inputs.append((PLAY, p["half_width"], 0.0))
@@ -60,7 +60,7 @@ def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
 
 
 def slowed(scale: float, lag: float, frequency: float, damping: float) -> tuple[float, float]:
-    """(natural frequency w [rad/s], time constant [s] of a lag before the servo) of a servo slower by `scale`.
+    """Return (natural frequency [rad/s], time constant [s] of a lag before the servo) of a servo slower by `scale`.
 
     lag  share of the slowing that the lag makes; slow commands, 2 zeta/w late, are as late with any.  Faster by a lag
          no servo can be: then it is the frequency alone.
@@ -73,14 +73,14 @@ def slowed(scale: float, lag: float, frequency: float, damping: float) -> tuple[
 
 @asked
 def play(half_width, u, w):
-    """Play operator: w <- max(u - h, min(u + h, w)), w the driven side (Krasnosel'skii and Pokrovskii,
-    Systems with Hysteresis, 1989); h = 0 gives u."""
+    """Return the play operator's output w <- max(u - h, min(u + h, w)), w the driven side (Krasnosel'skii and
+    Pokrovskii, Systems with Hysteresis, 1989); half width h = 0 gives u."""
     return max(u - half_width, min(u + half_width, w))
 
 
 @inner
 def servo_input(v, inputs, h, u):
-    """The servo's input [rad] over a step of h [s] of the delayed command u; what remembers is moved to its end."""
+    """Return the servo's mean input [rad] over h [s] for the delayed command u [rad]; moves `inputs` over the step."""
     u = v.actuator_gain * u + v.actuator_bias
     if inputs is not None:
         for each in inputs:

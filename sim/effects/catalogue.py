@@ -1,4 +1,4 @@
-"""The catalogue of causes: by name, from text, from TOML tables, and packed for the compiled step.
+"""The catalogue of causes: find them by name, read them from text or TOML tables, pack them for the compiled step.
 
 What may be left out: a parameter with a default takes it; one with a neutral value
 takes that, provided at least one parameter of the effect is given; any other is
@@ -25,7 +25,7 @@ RADIANS_PER_STEP = 0.5  # Runge-Kutta 4 loses 0.02 % of an oscillation's amplitu
 
 
 def find(name: str) -> Cause:
-    """The cause of this name; UsageError naming the ones there are."""
+    """Return the cause of this name; UsageError that lists the known ones."""
     if name not in CATALOGUE:
         otherwise = f"expected one of {', '.join(CATALOGUE)}"
         raise UsageError(f"unknown effect {name!r}; {did_you_mean(name, CATALOGUE, otherwise)}")
@@ -33,7 +33,7 @@ def find(name: str) -> Cause:
 
 
 def effect(name: str, /, **given: Any) -> Effect:
-    """An effect with its values, checked; UsageError naming effect, parameter and what is allowed."""
+    """Return an effect with parameters `given`, checked; UsageError naming effect, parameter and what is allowed."""
     cause = find(name)
     known = ", ".join(parameter.name for parameter in cause.parameters)
     for key in given:
@@ -45,7 +45,7 @@ def effect(name: str, /, **given: Any) -> Effect:
 
 
 def _value(cause: Cause, parameter: Parameter, given: Mapping[str, Any]) -> float | str:
-    """The parameter's value, given or left out."""
+    """Return the parameter's value: given and checked, or the one it takes when left out."""
     if parameter.name not in given:
         if parameter.is_required:
             raise UsageError(f"effect {cause.name}: parameter {parameter.name!r} is missing; "
@@ -69,7 +69,7 @@ def _value(cause: Cause, parameter: Parameter, given: Mapping[str, Any]) -> floa
 
 
 def _term(value: object, refusal: UsageError) -> str:
-    """Canonical name of a library term of theta, theta_dot, beta (tau, a window's time, means nothing in a flight)."""
+    """Return the canonical name of a library term of theta, theta_dot, beta (tau, a window's time, is refused)."""
     if not isinstance(value, str):
         raise refusal
     try:
@@ -82,12 +82,12 @@ def _term(value: object, refusal: UsageError) -> str:
 
 
 def values(effect: Effect) -> dict[str, float | str]:
-    """Parameter name -> value."""
+    """Return the effect's parameters, name -> value."""
     return dict(zip((parameter.name for parameter in CATALOGUE[effect.name].parameters), effect.values, strict=True))
 
 
 def from_text(text: str) -> Effect:
-    """NAME:PARAMETER=VALUE[,PARAMETER=VALUE...]; UsageError in one line if it is none."""
+    """Parse an effect from NAME:PARAMETER=VALUE[,PARAMETER=VALUE...]; UsageError in one line if it is none."""
     name, colon, rest = text.partition(":")
     cause = find(name.strip())
     given: dict[str, float | str] = {}
@@ -112,7 +112,7 @@ def _number(cause: Cause, parameter: Parameter, text: str) -> float:
 
 
 def from_table(table: object) -> Effect:
-    """One `[[effects]]` table of a nominal: `name` and parameters; UsageError if it is none."""
+    """Parse an effect from one `[[effects]]` table of a nominal: `name` and parameters; UsageError if it is none."""
     if not isinstance(table, dict):
         raise UsageError(f"{table!r}: expected a table with name and parameters")
     name = table.get("name")
@@ -122,7 +122,7 @@ def from_table(table: object) -> Effect:
 
 
 def pack(effects: Iterable[Effect], step: float, centre: float = math.nan) -> Changes:
-    """What the effects change, whatever their order.
+    """Return the sum of what all effects change in a flight; their order does not matter.
 
     effects  any number of each
     step     [s] of integration; UsageError if it does not resolve an effect's frequency

@@ -39,7 +39,7 @@ ENVIRONMENT_EFFECTS = (
 
 
 def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
-    """Add the effect of this name, with these values, to what the flight's effects change."""
+    """Add effect `name` with parameter values p to `of`, in place: one of the air that is more than one number."""
     match name:
         case "gust":
             of.timed.append((GUST_KIND, p["angle"], p["time"], p["duration"]))
@@ -53,14 +53,14 @@ def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
 
 @kernel
 def gust_angle(angle, time, duration, t):
-    """angle (1 - cos(2 pi (t - time)/duration))/2 while it lasts: the discrete gust of 14 CFR 25.341, MIL-F-8785C."""
+    """Return the wind [rad] of a gust at t [s]: angle (1 - cos(2 pi (t - time)/duration))/2 while it lasts, else 0."""
     share = (t - time) / duration
     return angle * (0.5 * (1.0 - math.cos(2.0 * math.pi * share))) if 0.0 < share < 1.0 else 0.0
 
 
 @inner
 def air(v, timed, a6, t):
-    """(moments of wind and of periodic disturbances, moments that begin in flight [rad/s^2], wind [rad]) at t [s].
+    """Return at t [s] the moments of wind and periodic disturbances, those begun in flight [rad/s^2], the wind [rad].
 
     Periodic: machinery, a structural tone, a swinging cable of a stand.  Begun in flight: an engine out, off the axis;
     a fin or a fairing that is gone.

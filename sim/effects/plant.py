@@ -1,4 +1,4 @@
-"""Effects on the vehicle's rotation: what it is beside a rigid body with the nominal's a6 and k1.
+"""Effects on the vehicle's rotation: moments in addition to those of a rigid body with the nominal's a6 and k1.
 
 Every moment is an angular acceleration [rad/s^2] that adds to a6 theta + k1 beta; `lateral_drift` turns the flight
 path instead, by the equation and with the state of [drift].
@@ -55,7 +55,7 @@ PLANT_EFFECTS = (
 
 
 def change(of: Changes, name: str, p: Mapping[str, Any]) -> None:
-    """Add the effect of this name, with these values, to what the flight's effects change."""
+    """Add effect `name` with parameter values p to `of`, in place: a plant's that is more than one number."""
     match name:
         case "control_effectiveness" | "control_loss" | "aero_instability" | "control_slope":
             of.parameters.append((name, dict(p)))
@@ -73,7 +73,7 @@ def change(of: Changes, name: str, p: Mapping[str, Any]) -> None:
 
 
 def parameters(of: Changes, t: np.ndarray, a6: np.ndarray, k1: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The a6 and k1 (n,) [1/s^2] at times t (n,) [s], with the effects on them.
+    """Return a6 and k1 (n,) [1/s^2] at times t (n,) [s] after the effects on them (`of.parameters`).
 
     `control_effectiveness`, `aero_instability`: dispersions of thrust, lever arm, dynamic pressure (NASA CR-826, table
     1).  `control_loss`: an engine out, a leak (k1 = -T l/J with less thrust T).  `control_slope`: thrust, arm or
@@ -94,7 +94,7 @@ def parameters(of: Changes, t: np.ndarray, a6: np.ndarray, k1: np.ndarray) -> tu
 
 @inner
 def acceleration(v, modes, terms, a6, k1, alpha, theta, theta_dot, beta):
-    """The moments [rad/s^2] of a state: damping, cubic, friction, misalignment, slosh, missing terms.
+    """Return the effects' moments [rad/s^2] in a state: damping, cubic, friction, misalignment, slosh, missing terms.
 
     alpha [rad]   angle of attack, without the winds among the effects
     `aero_damping`: N_alpha l_cp^2/(J V) [1/s], the turning nose meets the air at an angle (N_alpha normal force per
@@ -122,7 +122,7 @@ def acceleration(v, modes, terms, a6, k1, alpha, theta, theta_dot, beta):
 
 @inner
 def term_moment(term, theta, theta_dot, beta):
-    """[rad/s^2] coefficient theta^e0 theta_dot^e1 beta^e2 f(argument): a library term."""
+    """Return a library term's moment [rad/s^2], coefficient theta^e0 theta_dot^e1 beta^e2 f(argument); term  a TERM."""
     value = term.coefficient
     for _ in range(int(term.theta)):
         value *= theta
@@ -136,7 +136,7 @@ def term_moment(term, theta, theta_dot, beta):
 
 @inner
 def mode_acceleration(mode, theta_ddot, beta):
-    """Second derivative of a mode.
+    """Return the second derivative of a mode's coordinate, given theta_ddot [rad/s^2] and beta [rad].
 
     slosh    psi'' = -theta_ddot - 2 z w psi' - w^2 psi, whose mass pulls on the tank with the moment
              coupling w^2 psi (pendulum analogy, NASA SP-106, ch. 6; NASA CR-826, eq. 68)
@@ -150,7 +150,7 @@ def mode_acceleration(mode, theta_ddot, beta):
 
 @inner
 def begin_modes(modes, jump):
-    """Remember the modes, before the four stages of a Runge-Kutta step at whose start theta_dot jumped by `jump`."""
+    """Store the modes' state at the start of a Runge-Kutta step; a `jump` of theta_dot [rad/s] there jolts slosh."""
     if modes is not None:
         for mode in modes:
             if mode.bends == 0.0:
@@ -161,7 +161,7 @@ def begin_modes(modes, jump):
 
 @inner
 def advance_modes(modes, weight, h, theta_ddot, beta):
-    """Add a stage's slopes with their weight, and move the modes to the next stage, h [s] after the start."""
+    """Add a Runge-Kutta stage's slopes with their weight; move the modes to the next stage, h [s] after the start."""
     if modes is not None:
         for mode in modes:
             slope, slope_dot = mode.x_dot, mode_acceleration(mode, theta_ddot, beta)
@@ -173,7 +173,7 @@ def advance_modes(modes, weight, h, theta_ddot, beta):
 
 @inner
 def end_modes(modes, h):
-    """Put the modes at the end of the step of h [s], after the last stage."""
+    """Move the modes to the end of the Runge-Kutta step of h [s], after its last stage."""
     if modes is not None:
         for mode in modes:
             mode.x = mode.start + h / 6.0 * mode.total
@@ -182,7 +182,7 @@ def end_modes(modes, h):
 
 @inner
 def deflection(modes):
-    """(rad, rad/s) that bending adds where attitude and rate are measured: z_theta += eta, z_theta_dot += eta'."""
+    """Return (angle [rad], rate [rad/s]) that bending adds to measured attitude and rate, summed over the modes."""
     eta, eta_dot = 0.0, 0.0
     if modes is not None:
         for mode in modes:

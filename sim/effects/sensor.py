@@ -1,4 +1,4 @@
-"""Effects on what is measured, before noise and quantisation.
+"""Effects on the measured signals, before noise and quantisation.
 
 A sensor reads the value `delay` ago (linear between integration steps; before
 t = 0 the vehicle stood as at t = 0), then the gyro scales, then each adds its
@@ -37,7 +37,7 @@ SENSOR_EFFECTS = (
 
 @inner
 def remember(v, modes, history, i):
-    """Keep attitude and rate of step i where the sensors sit; history (2, steps), or (2, 0): no sensor is late."""
+    """Write attitude and rate at the sensors at step i to history (2, steps); nothing if it is None or (2, 0)."""
     if history is not None:
         if history.shape[1] > 0:
             eta, eta_dot = deflection(modes)
@@ -46,7 +46,7 @@ def remember(v, modes, history, i):
 
 @inner
 def past(history, i, delay, step):
-    """Value `delay` [s] before step i, linear between steps; history (steps,) in, filled up to i."""
+    """Return the value `delay` [s] before step i, linear between steps of `step` [s]; history (steps,), filled to i."""
     position = i - delay / step
     if position <= 0.0:
         return history[0]
@@ -58,7 +58,7 @@ def past(history, i, delay, step):
 
 @inner
 def read(v, modes, history, i):
-    """What attitude sensor [rad] and gyro [rad/s] show at step i, without noise."""
+    """Return the reading of attitude sensor [rad] and gyro [rad/s] at step i: delay, scale and bias, without noise."""
     eta, eta_dot = deflection(modes)
     theta, theta_dot = v.theta + eta, v.theta_dot + eta_dot
     if history is not None:

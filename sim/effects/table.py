@@ -1,7 +1,7 @@
-"""The types of an effect: its description, one instance of it, and what the effects of a flight change.
+"""Types of effects: a cause's description, an effect with its values, and the sum of all changes to a flight.
 
 A `Cause` describes (the contract's table, section 4), an `Effect` is a cause with its values.  To the compiled step
-most effects are numbers, whose neutral values change no bit of a flight; those that remember something, and those that
+most effects are numbers, whose neutral values change no bit of a flight; those with a memory, and those that
 there may be many of, are rows.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 
 
 def record(*numbers: str, counts: tuple[str, ...] = ()) -> np.dtype:
-    """A record of these numbers and integers: attributes in compiled code, and in Python where it is debugged."""
+    """Return a numpy record dtype with float64 fields `numbers` and int64 fields `counts`, read as attributes."""
     return np.dtype((np.record, [(name, np.float64) for name in numbers] + [(name, np.int64) for name in counts]))
 
 
@@ -29,9 +29,9 @@ CENTRE = math.inf  # s, default of a `middle`: the centre of the flight, or of t
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter: unit, neutral value, allowed range.
+    """One parameter of a cause: unit, neutral value, allowed range.
 
-    neutral  changes nothing; None: there is none, so the parameter is required unless it has a default
+    neutral  value that changes nothing; None: there is none, so the parameter is required unless it has a default
     default  [unit] taken when left out, for parameters without a neutral value
     low, high  [unit] allowed, ends included; `above`: the low end is not
     into     number of `Changes` that it joins: a factor where its neutral value is 1, else a summand; '': none
@@ -57,7 +57,7 @@ class Parameter:
 
     @property
     def expected(self) -> str:
-        """The values that it may have, in words."""
+        """The allowed values, in words for an error message."""
         if self.is_term:
             return "a library term of theta, theta_dot, beta such as theta^3 or sin(theta)"
         low = f" above {self.low:g}" if self.above else f" of at least {self.low:g}" if self.low > -math.inf else ""
@@ -66,7 +66,7 @@ class Parameter:
         return f"a number{joined}" + (f" [{self.unit}]" if self.unit else "")
 
     def allows(self, value: float) -> bool:
-        """Finite (or the neutral value or default itself, as an infinite rate) and in range."""
+        """Whether the value is in range and finite (or the neutral value or default itself, as an infinite rate)."""
         if not math.isfinite(value):
             return value in (self.neutral, self.default)
         return self.low <= value <= self.high and not (self.above
@@ -75,7 +75,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Cause:
-    """One row of the contract's table: where it acts, its name, its parameters in the order its kernel takes them."""
+    """A kind of effect: name, place (plant, environment, actuator, sensor, controller), and parameters in order."""
 
     name: str
     where: str
@@ -84,7 +84,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Effect:
-    """A cause with its values, one per parameter of the cause; made and checked by `catalogue.effect`."""
+    """A cause (`name`) with its values, one per parameter of the cause; made and checked by `catalogue.effect`."""
 
     name: str
     values: tuple[float | str, ...]
@@ -92,7 +92,7 @@ class Effect:
 
 @dataclass
 class Changes:
-    """What the effects of a flight change; of several of one kind sums, products, or rows."""
+    """Everything that the effects of a flight change; several of one kind are summed, multiplied, or listed as rows."""
 
     parameters: list[tuple[str, dict[str, float]]] = field(default_factory=list)  # name and values, of those on a6, k1
     modes: list[tuple[float, ...]] = field(default_factory=list)
@@ -131,6 +131,6 @@ class Changes:
     computing_time: float = 0.0        # s
 
     def join(self, parameter: Parameter, value: float) -> None:
-        """Add a parameter's value to the number that it joins, or multiply it."""
+        """Add `value` to the field named `parameter.into`, or multiply it there if the neutral value is 1; in place."""
         now = getattr(self, parameter.into)
         setattr(self, parameter.into, now * value if parameter.neutral == 1.0 else now + value)

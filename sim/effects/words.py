@@ -1,5 +1,5 @@
-"""The equation of each cause: u is the command on its way to the actuator, b the true nozzle angle, z_ the measured
-signals."""
+"""The equation of each cause as text: u is the command on its way to the actuator, b the true nozzle angle, z_ the
+measured signals."""
 
 MEANING = {
     "control_effectiveness": "k1 -> scale*k1",

@@ -42,12 +42,12 @@ STAND_NOMINALS = ("pendulum_linear", "servo_xl330", "single_pendulum_linear", "b
 
 
 def built_in(name: str) -> Path:
-    """Path of a nominal that comes with the package."""
+    """Return the path of a nominal file that comes with the package."""
     return DATA / "nominal" / f"{name}.toml"
 
 
 def locate(text: str) -> Path:
-    """A nominal by path, or by the name of a built-in one when no such file exists."""
+    """Return the path of a nominal given as path, or as name of one in the package if no such file exists."""
     path = Path(text)
     return built_in(text) if text in BUILT_IN + STAND_NOMINALS and not path.exists() else path
 

@@ -1,4 +1,4 @@
-"""The sections of a nominal that steer: [actuator], [controller] with its filters, [guidance], [test_input]."""
+"""Read the sections of a nominal that steer: [actuator], [controller] with its filters, [guidance], [test_input]."""
 
 import math
 from dataclasses import fields
@@ -15,7 +15,7 @@ FILTER_KINDS = {"": ("b", "a"), "notch": ("frequency", "depth_damping", "width_d
 
 
 def actuator_of(file: Table) -> Actuator | None:
-    """[actuator]: natural_frequency and damping_ratio, or time_constant."""
+    """Return [actuator]: natural_frequency and damping_ratio, or time_constant; None without; InputError if wrong."""
     if "actuator" not in file.table:
         return None
     table = file.keys("actuator", {f.name for f in fields(Actuator)}, set())
@@ -34,7 +34,7 @@ def actuator_of(file: Table) -> Actuator | None:
 
 
 def controller_of(file: Table) -> Controller | None:
-    """[controller] of either law, with [[controller.filters]]."""
+    """Return [controller] of law attitude or rate with its filters, None without it; InputError if wrong."""
     if "controller" not in file.table:
         return None
     names = {f.name for f in fields(Controller)}
@@ -53,14 +53,14 @@ def controller_of(file: Table) -> Controller | None:
 
 
 def filters_of(file: Table, tables: object, period: float) -> tuple[Section, ...]:
-    """[[controller.filters]]: sections at the controller's period [s], by coefficients or by kind."""
+    """Return [[controller.filters]] as discrete sections at the controller's period [s]; InputError if wrong."""
     if not isinstance(tables, list):
         raise file.fail("controller.filters", tables, "[[controller.filters]] tables")
     return tuple(filter_of(file, f"controller.filters[{k}]", table, period) for k, table in enumerate(tables))
 
 
 def filter_of(file: Table, place: str, table: object, period: float) -> Section:
-    """One filter, by its coefficients or by its kind."""
+    """Return a filter's discrete section, from coefficients b, a or its kind (notch, lowpass); InputError if wrong."""
     if not isinstance(table, dict):
         raise file.fail(place, table, "a table with b and a, or with kind")
     kind = table.get("kind", "")
@@ -93,7 +93,7 @@ def coefficients_of(file: Table, place: str, table: dict[str, Any]) -> Section:
 
 
 def guidance_of(file: Table, controller: Controller | None) -> Guidance | None:
-    """[guidance]: theta_ref, for the law `rate` also or instead rate_ref."""
+    """Return [guidance]: theta_ref, for law `rate` also or instead rate_ref; None without it; InputError if wrong."""
     if "guidance" not in file.table:
         return None
     keys = ("t", "theta_ref", "rate_ref")
@@ -108,7 +108,7 @@ def guidance_of(file: Table, controller: Controller | None) -> Guidance | None:
 
 
 def test_input_of(file: Table) -> Multisine | None:
-    """[test_input]: a line of each of its sines."""
+    """Return [test_input], equally long lists of its sines, None without it; InputError if wrong."""
     if "test_input" not in file.table:
         return None
     names = {f.name for f in fields(Multisine)}
@@ -122,8 +122,8 @@ def test_input_of(file: Table) -> Multisine | None:
 
 
 def tustin(kind: str, period: float, frequency: float, *damping: float) -> Section:
-    """The continuous notch or lowpass by Tustin's rule, prewarped at w = frequency [rad/s]: s = w/c (z - 1)/(z + 1),
-    c = tan(w period/2) (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., ch. 8.3).
+    """Return a notch or lowpass as discrete section by Tustin's rule, prewarped at w = frequency [rad/s]: s = w/c (z -
+    1)/(z + 1), c = tan(w period/2) (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., ch. 8.3).
 
     damping  notch: of the numerator, of the denominator; lowpass: of the denominator
     """

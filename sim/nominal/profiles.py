@@ -1,4 +1,4 @@
-"""Profiles over flight time: CSV files beside a nominal."""
+"""Read profiles over flight time from CSV files beside a nominal."""
 
 import math
 from pathlib import Path
@@ -15,12 +15,12 @@ VEHICLE, DRIFT_COLUMNS, FORECAST = ("t", "a6", "k1"), ("t", "z_alpha", "z_beta")
 
 
 def constant_profile(a6: float, k1: float) -> Profile:
-    """The same a6 and k1 at all times."""
+    """Return a profile of the same a6 and k1 [1/s^2] at all times: one node."""
     return Profile(np.zeros(1), np.array([a6]), np.array([k1]))
 
 
 def read_columns(path: Path, header: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """The columns of a CSV with this header, t first and increasing; InputError naming line and column otherwise."""
+    """Return name -> column (n,) of a CSV with this header, t first, increasing; InputError naming line and column."""
     reads(path)
     names = ",".join(header)
     if path.exists() and not path.is_file():
@@ -43,7 +43,7 @@ def read_columns(path: Path, header: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 
 def _take(path: Path, line: int, cells: list[str], header: tuple[str, ...], columns: list[list[float]]) -> None:
-    """One row to the columns; InputError naming line and column."""
+    """Append one row's numbers to the columns; InputError naming line and column."""
     if len(cells) != len(header):
         raise InputError(f"{path}: line {line}: {len(cells)} cells, expected {len(header)} as in the header")
     for name, column, cell in zip(header, columns, cells, strict=True):

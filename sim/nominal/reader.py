@@ -1,4 +1,4 @@
-"""A nominal out of the table of its file."""
+"""Read a nominal from the table of its TOML file, section by section."""
 
 import math
 import tomllib
@@ -34,7 +34,7 @@ PARTS_OF_PERIOD = 50  # of the shorter period, beyond the fewest, tried for a st
 
 
 def text_of(path: Path, expected: str = "expected a nominal TOML file") -> str:
-    """The text of a nominal file; InputError in one line if it has none; `expected` where there is no file."""
+    """Return the text of a nominal file; InputError, with `expected` where there is no file, if it cannot be read."""
     reads(path)
     try:
         return path.read_bytes().decode("utf-8-sig")  # TOML knows no byte order mark, editors write one
@@ -45,7 +45,7 @@ def text_of(path: Path, expected: str = "expected a nominal TOML file") -> str:
 
 
 def parsed(path: Path, text: str) -> Nominal:
-    """The nominal of a file's text, checked."""
+    """Return the nominal that a TOML text defines, checked; InputError naming file and place."""
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError; so is an integer of 5000 digits
@@ -55,7 +55,7 @@ def parsed(path: Path, text: str) -> Nominal:
 
 
 def nominal_of(file: Table) -> Nominal:
-    """All sections, checked; InputError naming the place of whatever is wrong."""
+    """Return the nominal of a table, all sections checked; InputError naming the place of whatever is wrong."""
     known = {"name", "vehicle", "uncertainty", "actuator", "controller", "guidance", "sensors", "simulation",
              "diagnosis", "margins", "test_input", "drift", "wind", "offsets", "effects"}
     for key in file.table:
@@ -87,8 +87,8 @@ def nominal_of(file: Table) -> Nominal:
 
 def with_whole_steps(file: Table, simulation: Simulation, controller: Controller | None,
                      sensors: Sensors) -> Simulation:
-    """The controller's and the sensors' periods must be whole numbers of integration steps; where the file names no
-    step, it is the longest up to the default for which they are."""
+    """Return [simulation] with, if the file names no step, the longest up to the default that divides the controller's
+    and the sensors' periods; InputError if a period is no whole number of steps."""
     periods = {"sensors.period": sensors.period}
     if controller is not None:
         periods["controller.period"] = controller.period
@@ -106,8 +106,7 @@ def _is_whole(period: float, step: float) -> bool:
 
 
 def _whole_step(longest: float, periods: tuple[float, ...]) -> float:
-    """The longest step [s], at most `longest`, of which all periods [s] are whole numbers; `longest` where there is
-    none."""
+    """Return the longest step [s], at most `longest`, that divides all periods [s]; `longest` where there is none."""
     shortest = min(periods)
     first = max(1, math.ceil(shortest / longest - 1e-9))
     for parts in range(first, first + PARTS_OF_PERIOD):
@@ -120,7 +119,7 @@ def _whole_step(longest: float, periods: tuple[float, ...]) -> float:
 
 
 def vehicle_of(file: Table) -> tuple[Profile, tuple[tuple[str, float], ...]]:
-    """a6 and k1 over time, and the further terms: from two numbers, a CSV file, or terms with coefficients."""
+    """Return a6 and k1 over time, and further terms (name, coefficient), of [vehicle]; InputError if wrong."""
     table = file.keys("vehicle", {"a6", "k1", "profile", "terms"}, set())
     for key, what in (("profile", "a profile"), ("terms", "terms")):
         if key in table and len(table) > 1:
@@ -140,7 +139,7 @@ def profile_of(file: Table, place: str, value: object) -> Profile:
 
 
 def terms_of(file: Table, table: object) -> dict[str, float]:
-    """[vehicle.terms]: canonical name of a library term -> its coefficient."""
+    """Return [vehicle.terms], canonical name of a library term -> its coefficient; InputError if wrong."""
     if not isinstance(table, dict) or not table:
         raise file.fail("vehicle.terms", table, "library terms with their coefficients")
     from ..effects import effect
@@ -173,7 +172,7 @@ def uncertainty_of(file: Table) -> Profile | None:
 
 
 def drift_of(file: Table) -> Drift | None:
-    """[drift]: two numbers, or a CSV file."""
+    """Return [drift], from two numbers or a CSV file; None without it; InputError if wrong."""
     if "drift" not in file.table:
         return None
     table = file.keys("drift", {"z_alpha", "z_beta", "profile"}, set())
@@ -188,7 +187,7 @@ def drift_of(file: Table) -> Drift | None:
 
 
 def wind_of(file: Table) -> Wind | None:
-    """[wind]: levels, and a forecast from a CSV file."""
+    """Return [wind]: levels, and a forecast from a CSV file; None without it; InputError if wrong."""
     if "wind" not in file.table:
         return None
     table = dict(file.keys("wind", {f.name for f in fields(Wind)}, set()))
@@ -200,7 +199,7 @@ def wind_of(file: Table) -> Wind | None:
 
 
 def effects_of(file: Table) -> tuple["Effect", ...]:
-    """[[effects]], in the order of the file."""
+    """Return [[effects]] in the order of the file, () without any; InputError if wrong."""
     tables = file.table.get("effects", [])
     if not isinstance(tables, list):
         raise file.fail("effects", tables, "[[effects]] tables")

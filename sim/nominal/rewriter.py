@@ -1,7 +1,7 @@
-"""A nominal into the text of the file that it came from: what is the same stays as it is, to the byte.
+"""Write a changed nominal into the text of its file: lines that hold the same values stay as they are, to the byte.
 
 The text is cut into statements by the parser itself: one is the fewest lines that parse, a comment, a blank line, a
-header, or a key with its value.  What the edited text holds is read back; a file that cannot be edited so is written
+header, or a key with its value.  The edited text is read back and compared; a file that cannot be edited is written
 anew, and says so.
 """
 
@@ -25,8 +25,8 @@ Place = tuple[str, ...]
 
 
 class Statement(NamedTuple):
-    """Lines that parse: of a comment the place is (); of a header, and of a key with sections as its value, it is that
-    of a section."""
+    """Lines of TOML that parse together, and the keys down to them (`place`): () of a comment; of a header, and of a
+    key with an inline section as value, those of the section."""
 
     text: str
     place: Place
@@ -58,7 +58,7 @@ def _rewritten(source: Path, path: Path, content: Content) -> str:
 
 
 def edited(text: str, before: Content, after: Content) -> str:
-    """The text of a nominal file that holds `before`, such that it holds `after`."""
+    """Return the text of a nominal file with content `before`, edited so that it holds content `after`."""
     old, new = dict(_leaves(before)), dict(_leaves(after))
     changed = {place for place in (*old, *new) if old.get(place) != new.get(place)}
     missing = {place: new[place] for place in new if place in changed}
@@ -88,7 +88,7 @@ def edited(text: str, before: Content, after: Content) -> str:
 
 
 def _with_missing(kept: list[str], last: dict[Place, int], missing: dict[Place, Any], empty: list[str]) -> str:
-    """The statements with keys after the last of their section, new sections at the end."""
+    """Return the statements with missing keys after the last of their section, new sections at the end."""
     sections: dict[Place, list[str]] = {(key,): [] for key in empty}
     lists: list[str] = []
     for place, value in missing.items():
@@ -111,7 +111,7 @@ def _with_missing(kept: list[str], last: dict[Place, int], missing: dict[Place, 
 
 
 def statements(text: str) -> Iterator[Statement]:
-    """The statements of a TOML text, in order, all of its bytes."""
+    """Yield the statements of a TOML text in order; joined they are the text, byte for byte."""
     part = ""
     section: Place = ()
     for line in LINE.findall(text):
@@ -139,7 +139,7 @@ def _may_end(line: str) -> bool:
 
 
 def _place(table: object, deepest: int) -> tuple[Place, object]:
-    """The keys down to the one value of a statement's table, and the value."""
+    """Return the keys down to the one value of a statement's table, and the value."""
     place: Place = ()
     while isinstance(table, dict) and len(table) == 1 and len(place) < deepest:
         ((key, value),) = table.items()
@@ -156,14 +156,14 @@ def _leaves(content: Content, place: Place = ()) -> Iterator[tuple[Place, Any]]:
 
 
 def _at(content: object, place: Place) -> bool:
-    """Whether there is such a section, or are such sections."""
+    """Whether `content` has a section, or sections, at this place."""
     for key in place:
         content = content.get(key) if isinstance(content, dict) else None
     return content is not None
 
 
 def _begins(now: object, was: Any) -> bool:
-    """Sections of which the first are as they were."""
+    """Whether a list of sections begins with those of `was`."""
     return isinstance(now, list) and now[:len(was)] == was
 
 
@@ -172,7 +172,7 @@ def _within(place: Place, outer: Place) -> bool:
 
 
 def _with_value(text: str, value: Any) -> str:
-    """A key's statement with another value, and its comment."""
+    """Return a key's statement with another value; its comment stays."""
     head = KEY_PART.match(text)
     assert head is not None
     for mark in re.finditer("#", text):

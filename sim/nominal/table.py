@@ -1,4 +1,4 @@
-"""The table of one TOML file, its keys and values checked one by one, each by its place."""
+"""Check the keys and values of a parsed TOML file one by one; an InputError names the place of each."""
 
 import math
 from dataclasses import MISSING, fields
@@ -20,7 +20,7 @@ SIGNED = {"kp", "kd", "ki"}
 
 
 class Table:
-    """The parsed table of one file; InputError naming the place of whatever is wrong."""
+    """The parsed content of one TOML file; its methods check keys and values, and raise InputError naming the place."""
 
     def __init__(self, path: Path, table: dict[str, Any]) -> None:
         self.path = path
@@ -56,7 +56,7 @@ class Table:
         return float(value)
 
     def section(self, section: str, kind: type) -> Any:
-        """A section whose keys are the fields of a dataclass of numbers and words."""
+        """Return a section as dataclass `kind` of numbers and words, keys checked by its fields; None without it."""
         if section not in self.table:
             return None
         names = {f.name for f in fields(kind)}
@@ -64,7 +64,7 @@ class Table:
         return kind(**self.values(section, self.keys(section, names, required)))
 
     def values(self, section: str, table: dict[str, Any]) -> dict[str, Any]:
-        """The numbers and words of a section, checked by their keys."""
+        """Return a section's numbers and words, key -> value, each checked by its key; InputError if one is wrong."""
         return {key: self.value(f"{section}.{key}", key, value) for key, value in table.items()}
 
     def value(self, place: str, key: str, value: object) -> float | str:
@@ -77,7 +77,7 @@ class Table:
         return self.number(place, value, least=None if key in SIGNED else 0.0)
 
     def csv(self, place: str, value: object, header: tuple[str, ...]) -> tuple[dict[str, np.ndarray], str]:
-        """The columns of a CSV file beside the nominal, and its path."""
+        """Return name -> column of the CSV file that `value` names, relative to the nominal, and the file's path."""
         if not isinstance(value, str):
             raise self.fail(place, value, f"the path of a CSV file {','.join(header)}")
         path = self.path.parent / value
@@ -85,7 +85,7 @@ class Table:
 
     def numbers(self, place: str, value: object, above: float | None = None,
                 least: float | None = None) -> tuple[float, ...]:
-        """A list of at least one number."""
+        """Return a list of at least one number as tuple, each checked against the limits; InputError else."""
         if not isinstance(value, list) or not value:
             raise self.fail(place, value, "a list of numbers")
         return tuple(self.number(f"{place}[{i}]", x, above, least) for i, x in enumerate(value))

@@ -1,4 +1,4 @@
-"""A nominal as the table and the lines of its file; shortest numbers that read back to the same bits."""
+"""Turn a nominal into the content and the lines of its file; shortest numbers that read back to the same bits."""
 
 import json
 import math
@@ -20,17 +20,17 @@ Content = dict[str, Any]   # keys: numbers, texts, lists of numbers, sections, l
 
 
 def write_nominal(nominal: Nominal, path: str | Path) -> None:
-    """Write a nominal that reads back equal, without a word of the file that it came from."""
+    """Write a nominal file that reads back equal, without the comments of the file that it came from."""
     write_text(path, (line + "\n" for line in nominal_lines(nominal, path)))
 
 
 def nominal_lines(nominal: Nominal, path: str | Path) -> list[str]:
-    """The lines of a nominal file at this path; profiles as `content_of` writes them."""
+    """Return the lines of a nominal file at this path; writes profiles beside it, as `content_of`."""
     return list(lines_of(content_of(nominal, path)))
 
 
 def content_of(nominal: Nominal, path: str | Path) -> Content:
-    """The content of a nominal file at this path, defaults left out.
+    """Return the content of a nominal file at this path, defaults left out; UsageError for a profile with terms.
 
     A profile that came from a file and still equals it is named by its path from the new file's folder; any other
     is written beside the new file as NAME.SECTION.csv (vehicle, uncertainty, drift, wind).
@@ -61,7 +61,7 @@ def content_of(nominal: Nominal, path: str | Path) -> Content:
 
 
 def lines_of(content: Content, section: tuple[str, ...] = ()) -> Iterator[str]:
-    """The lines of a section: its own keys, then the sections in it."""
+    """Yield the TOML lines of a section: its own keys, then the sections in it."""
     for key, value in content.items():
         if not is_section(value):
             yield f"{key_of((*section, key))} = {literal(value)}"
@@ -77,12 +77,12 @@ def lines_of(content: Content, section: tuple[str, ...] = ()) -> Iterator[str]:
 
 
 def key_of(place: tuple[str, ...]) -> str:
-    """The last of the keys at a place, as a line begins; library terms are quoted."""
+    """Return the last key of a place as it stands in its line; names of library terms are quoted."""
     return literal(place[-1]) if place[:-1] == ("vehicle", "terms") else place[-1]
 
 
 def literal(value: float | str | list[float]) -> str:
-    """A TOML value."""
+    """Return a number, text or list as a TOML value."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list):
@@ -91,12 +91,12 @@ def literal(value: float | str | list[float]) -> str:
 
 
 def is_section(value: object) -> bool:
-    """A section, or a list of sections."""
+    """Whether a content's value is a section (dict) or a list of sections."""
     return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
 
 
 def _numbers(part: Any) -> Content:
-    """The keys of a section that are not their defaults: numbers, lists of them, words."""
+    """Return the keys of a section that are not their defaults: numbers, lists of numbers, words."""
     foreign = ONLY_ATTITUDE if isinstance(part, Controller) and part.is_rate_law else ()
     return {key.name: list(value) if isinstance(value, tuple) else value
             for key, value in ((key, getattr(part, key.name)) for key in fields(part))
@@ -115,14 +115,14 @@ def _vehicle(nominal: Nominal, path: Path) -> Content:
 
 
 def _profile(profile: Profile | Drift, path: Path, section: str, header: tuple[str, ...]) -> Content:
-    """Two numbers if it is constant and of no file, else the path of its CSV file."""
+    """Return two numbers if the profile is constant and of no file, else the path of its CSV file."""
     if len(profile.t) == 1 and not profile.path:
         return {key: float(getattr(profile, key)[0]) for key in header[1:]}
     return {"profile": _path(profile, path, section, header)}
 
 
 def _path(profile: Profile | Drift | Forecast, path: Path, section: str, header: tuple[str, ...]) -> str:
-    """The path of its CSV file, which is written unless it is there."""
+    """Return the path of the profile's CSV file, which is written unless it is there."""
     if profile.path and _same(profile, profile.path, header):
         return Path(os.path.relpath(profile.path, path.parent)).as_posix()
     beside = path.with_name(f"{path.stem}.{section}.csv")
@@ -132,7 +132,7 @@ def _path(profile: Profile | Drift | Forecast, path: Path, section: str, header:
 
 
 def _same(profile: Profile | Drift | Forecast, path: str, header: tuple[str, ...]) -> bool:
-    """The file at `path` still holds this profile."""
+    """Whether the file at `path` still holds this profile."""
     try:
         columns = read_columns(Path(path), header)
     except InputError:

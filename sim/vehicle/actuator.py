@@ -23,13 +23,13 @@ FREE_MOTION = record("part", "xx", "xr", "rx", "rr")
 
 @inner
 def lag_rate(v, u, beta):
-    """beta' [rad/s] of a first-order servo under the command u [rad]; where that jumps, it jumps."""
+    """Return beta' [rad/s] of a first-order servo under the command u [rad], within its rate limit."""
     return limited(v.rate_limit, v.frequency * (u - beta))
 
 
 @inner
 def servo_flow(v, u, beta, beta_dot):
-    """(beta' [rad/s], beta_dot' [rad/s^2], the nozzle's own acceleration [rad/s^2]) under the command u [rad].
+    """Return (beta' [rad/s], beta_dot' [rad/s^2], the nozzle's acceleration [rad/s^2]) under the command u [rad].
 
     Second order: beta_ddot = w^2 (u - beta) - 2 zeta w beta_dot, none that drives the rate further beyond its reach;
     first order: beta' = w (u - beta), with no rate to wind up.  Both move within +-rate [rad/s], at which the valve is
@@ -47,7 +47,7 @@ def servo_flow(v, u, beta, beta_dot):
 
 @inner
 def nozzle_stages(v, free, stages, u, h):
-    """Move the nozzle over a step of h [s] under the command u [rad]; stages (4,) STAGE out: as the vehicle sees it."""
+    """Move the nozzle (v) over h [s] under the command u [rad]; stages (4,) STAGE out: its motion for Runge-Kutta."""
     if free is not None:
         if v.pole * h > POLE_STEP:
             stiff_stages(v, free[0], stages, u, h)
@@ -66,8 +66,8 @@ def nozzle_stages(v, free, stages, u, h):
 
 @inner
 def stiff_stages(v, free, stages, u, h):
-    """The same of a stiff servo: exact, and the stages are of the lines that the motion of the nozzle and of its rate
-    are to the vehicle; the jolt of a command that jumps is in them."""
+    """Move the nozzle of a stiff servo exactly, arguments as `nozzle_stages`: the stages are of the lines with the mean
+    and first moment of its motion, and of its rate's, with the jolt of a command that jumps."""
     beta, rate = v.beta, limited(v.rate_limit, v.beta_dot)
     once, twice = servo_motion(v, free, h, u)
     after = servo_flow(v, u, v.beta, v.beta_dot)[0]
@@ -80,14 +80,14 @@ def stiff_stages(v, free, stages, u, h):
 
 
 def fastest_pole(frequency: float, damping: float) -> float:
-    """[rad/s] size of the fastest root of s^2 + 2 zeta w s + w^2; of a servo of first order 1/T."""
+    """Return the size [rad/s] of the fastest root of s^2 + 2 zeta w s + w^2, w = frequency [rad/s], zeta = damping."""
     return frequency * (damping + math.sqrt(damping * damping - 1.0)) if damping > 1.0 else frequency
 
 
 @asked
 def free_servo(frequency, damping, pole, is_lag, h):
-    """exp of the servo's generator over h [s]: (beta - u, beta_dot) at the end are ((xx, xr), (rx, rr)) times those at
-    the start; a servo of first order has no rate of its own to remember."""
+    """Return the servo's transition (xx, xr, rx, rr) over h [s]: (beta - u, beta_dot) at the end are ((xx, xr), (rx,
+    rr)) times those at the start.  is_lag: first order, whose rate does not matter; pole [rad/s] the fastest."""
     if is_lag:
         left = math.exp(-frequency * h)
         return left, 0.0, -frequency * left, 0.0
@@ -105,8 +105,8 @@ def free_servo(frequency, damping, pole, is_lag, h):
 
 @inner
 def servo_motion(v, free, h, u):
-    """Move the nozzle over h [s] of a held command u [rad]; the integral [rad s] of beta and its double integral
-    [rad s^2] over h.
+    """Move the nozzle (v) over h [s] of a held command u [rad]; return the integral [rad s] of beta and its double
+    integral [rad s^2] over h.
 
     Exact without a rate limit, whatever the servo's poles; with one in parts of h, as many as its begin and end need,
     each exact or moved at the limit.  The integrals are those of the servo's equation, inertia x'' + drag x' +
@@ -141,7 +141,7 @@ def servo_motion(v, free, h, u):
 
 @asked
 def as_line(h, once, twice):
-    """(start, middle, end) of the line whose integral and double integral over h [s] these are."""
+    """Return (start, middle, end) of the line over h [s] with this integral `once` and double integral `twice`."""
     middle = once / h
     lean = 3.0 * (middle - 2.0 * twice / (h * h))
     return middle - lean, middle, middle + lean
@@ -149,7 +149,7 @@ def as_line(h, once, twice):
 
 @inner
 def delayed_command(commands, tick, age, step, period, delay):
-    """Mean of the command over a step, seen `delay` later.  Assumption: step <= period.
+    """Return the mean command [rad] over a step, seen `delay` later.  Assumption: step <= period.
 
     commands (ticks,) [rad] in   noisy command of each controller period; before the first it was 0
     tick            current controller period

@@ -42,7 +42,7 @@ Table = Any  # an array, or None in a plain flight
 
 
 class Vehicle(NamedTuple):
-    """One flight: what it is made of, and where it is.  A plain flight has None from `wind` on."""
+    """A flight's data for the compiled step: record `flight` (constants, state) and tables; None: no such effect."""
 
     flight: np.ndarray    # (1,) FLIGHT
     ticks: np.ndarray     # (ticks,) CONTROLLER_TICK
@@ -66,10 +66,10 @@ class Vehicle(NamedTuple):
 def assembled(constants: Mapping[str, float], changes: Changes, ticks: np.ndarray, noise: np.ndarray, a6: np.ndarray,
               k1: np.ndarray, commands: np.ndarray, filters: np.ndarray, wind: np.ndarray | None,
               drift: np.ndarray | None, is_plain: bool = True) -> Vehicle:
-    """The vehicle at rest, with what effects change.
+    """Return a vehicle at rest, with what effects change.
 
     constants  of FLIGHT;  others  of `Vehicle`; wind, drift  None: none
-    is_plain   what nothing fills is None
+    is_plain   tables that no effect fills are None (else empty arrays)
     """
     flight = np.zeros(1, FLIGHT)
     v = flight[0]

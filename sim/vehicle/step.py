@@ -1,10 +1,10 @@
-"""The one step: sensors, controller, log row, Runge-Kutta 4.
+"""One integration step of a flight: sensors, controller, log row, Runge-Kutta 4.
 
 `advance` runs any number of steps, so a host loop that takes one sample at a
 time and a whole flight run the same code and give the same bits.
 
-Effects act at five places, which this file asks by name (`sim.effects.plant`, ...);
-what an effect does it does not know.
+Effects act at five places, which this file calls by name (`sim.effects.plant`, ...);
+it does not know single effects.
 
 Assumptions: small angles, one plane, wind as an angle.
 """
@@ -19,16 +19,17 @@ from .kernels import apart, inner
 
 @inner
 def measure(truth, noise, step):
-    """truth + noise, rounded to multiples of `step` (0: not quantised)."""
+    """Return truth + noise, rounded to a multiple of `step` (0: not quantised)."""
     value = truth + noise
     return step * math.floor(value / step + 0.5) if step > 0.0 else value
 
 
 @inner
 def control(v, now, noise, filters, computed, commands, tick, theta, theta_dot):
-    """The controller's period begins: measure, command the nozzle; what limits the command holds the integral.
+    """Run the controller at the start of period `tick`; write computed[tick], and with noise commands[tick] [rad].
 
-    PD of the attitude's error, or PI of the rate's, the integral with the current sample; then the test input.
+    PD of the attitude's error, or PI of the rate's with the current sample in the integral, which a limited command
+    does not change; then the test input.
     """
     integral = v.integral
     if v.rate_law == 0:
@@ -52,7 +53,7 @@ def control(v, now, noise, filters, computed, commands, tick, theta, theta_dot):
 
 @inner
 def acceleration(v, modes, terms, timed, a6, k1, t, disturbance, alpha, theta, theta_dot, beta, beta_ddot):
-    """(theta_ddot [rad/s^2], wind of the effects [rad]) of a state at t [s].
+    """Return (theta_ddot [rad/s^2], wind of the effects [rad]) in a state at t [s].
 
     Rigid body (Navarro-Tapia et al., eq. 8), the plant's effects, the air's, and the swung engine's reaction, tail wags
     dog: nozzle_inertia = -(I_R + m_R l_R l_c)/J (NASA CR-826, A.2: inertia, mass and arm of the engine about its
@@ -67,7 +68,7 @@ def acceleration(v, modes, terms, timed, a6, k1, t, disturbance, alpha, theta, t
 
 @inner
 def drift_rate(v, drift, half, alpha, beta):
-    """gamma_dot [rad/s] = z_alpha alpha + z_beta beta: lift and thrust across the path, over mass times speed."""
+    """Return gamma_dot [rad/s] = z_alpha alpha + z_beta beta at half step `half`: lift, thrust over mass and speed."""
     if drift is None:
         return 0.0
     z_alpha, z_beta = v.z_alpha, v.z_beta
@@ -78,14 +79,14 @@ def drift_rate(v, drift, half, alpha, beta):
 
 @inner
 def wind_at(wind, i):
-    """Wind [rad] at step i, without the effects'; -0.0 if it is calm."""
+    """Return the wind [rad] at step i, without that of effects; -0.0 if it is calm."""
     return -0.0 if wind is None else wind[i]
 
 
 @inner
 def runge_kutta_4(f, i, n, u, disturbance):
-    """One step of the classical fourth-order scheme for theta, theta_dot, gamma and the plant's modes, n of the
-    flight's steps long; the nozzle, which no vehicle moves, is moved first.
+    """Integrate theta, theta_dot, gamma and the plant's modes from step i over n steps at once, by the classical
+    fourth-order scheme; the nozzle, which no vehicle moves, is moved first.
 
     f (`Vehicle`) is inout; u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both
     held; the wind is linear over the step.
@@ -127,8 +128,8 @@ def runge_kutta_4(f, i, n, u, disturbance):
 
 @inner
 def write_row(f, i, tick, u, theta, theta_dot, row):
-    """Measured and true values at the start of step i, over which the servo's input is u [rad]; theta, theta_dot as the
-    sensors show them."""
+    """Write measured and true values at the start of step i to `row`; u [rad] the servo's input over the step; theta,
+    theta_dot as the sensors show them."""
     v, noise, now, wind = f.flight[0], f.noise[i], f.ticks[tick], wind_at(f.wind, i)
     t, alpha = i * v.step, v.theta - v.gamma + wind
     beta_ddot = servo_flow(v, u, v.beta, v.beta_dot)[2]
@@ -149,7 +150,7 @@ def advance(f, steps, rows):
 
     f               inout  `Vehicle`
     steps           in     how many steps, at most what is left
-    rows  (r,) ROW  out    from index `rows` of the flight on
+    rows  (r,) LOG_ROW  out    from index `rows` of the flight on
     Stops early when the attitude leaves +-lost_angle (`lost` = 1).
     """
     v = f.flight[0]
