@@ -24,7 +24,7 @@ from sim.flight import fly_whole, parameters
 
 
 class Demand(NamedTuple):
-    """What is asked of the windows whose flights.relative bound is below `useful`."""
+    """Demands on the windows whose relative bound is below `useful`."""
 
     windows: tuple[float, ...]  # s
     useful: float
@@ -41,8 +41,8 @@ WINDY = {"true": Demand((5.0, 10.0), 0.5, 1.15, (0.92, 0.98), math.inf, 6.0, 1.0
 
 
 def job(name: str, air: str, levels: str, seed: int, spread: float, windows: tuple[float, ...]) -> list[np.ndarray]:
-    """One flight, a table for each window length: error a6, k1, std a6, k1, bound a6, k1, valid, error of the wind
-    [rad], its std, its error with the true a6; the first six relative to the truth, the wind NaN where none is said."""
+    """Fly once; return a table (n, 10) for each window length: error a6, k1, std a6, k1, bound a6, k1 (all relative to
+    the truth), valid, the wind's error [rad], its std, its error with the true a6 (NaN where no wind is estimated)."""
     declared = flights.in_air(nominal(name), air or "calm")
     deviation, factors = flights.draw(seed, spread, levels == "wrong")
     true = flights.with_levels(declared, seed) if air and levels == "wrong" else flights.with_noise(declared, factors)

@@ -26,7 +26,7 @@ WARM_SEED = 1_000_000  # of a flight that only compiles
 
 
 def timed(flights: int, workers: int, path: Path) -> float:
-    """Seconds of a campaign, the start of its processes included."""
+    """Return the time [s] of a campaign, the start of its processes included; RuntimeError if a flight failed."""
     jobs = draw_jobs("constant", "box", range(flights))
     start = time.perf_counter()
     table = run_campaign(jobs, identify, path, workers=workers, progress=shown_counter(flights, "flights"))

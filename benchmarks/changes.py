@@ -41,7 +41,7 @@ IN_TIME = 0.9
 
 
 def air(believed: Nominal, name: str, excited: bool = False) -> Nominal:
-    """The nominal in calm air, or in wind."""
+    """Return the nominal declared in calm air or in wind; excited: with a multisine on the command too."""
     if name == "calm":
         return believed
     rough = in_air(believed, "excited" if excited else "wind")
@@ -49,17 +49,17 @@ def air(believed: Nominal, name: str, excited: bool = False) -> Nominal:
 
 
 def truth(believed: Nominal, name: str) -> Nominal:
-    """The nominal that flies: as declared, or in calm air."""
+    """Return the nominal that flies: as declared, or for `gust` without wind and offsets."""
     return dataclasses.replace(believed, wind=None, offsets=None) if name == "gust" else believed
 
 
 def estimator(believed: Nominal, flight: Flight) -> Estimator:
-    """1 s windows, filtered, noise estimated."""
+    """Return a filtered estimator with 1 s windows that estimates the noise levels."""
     return Estimator(Config(sample_period=flight.period, formulation="filtered", model=onboard_model(believed)))
 
 
 def clean_job(name: str, seed: int, around: str) -> tuple[float, int]:
-    """Seconds flown and false alarms on one clean dispersed flight."""
+    """Fly one clean dispersed flight; return seconds flown and number of false alarms."""
     believed = air(nominal(name), around)
     delta = np.random.default_rng((733, seed)).uniform(-1.0, 1.0, 2)
     factors = dispersion(believed, *delta)
@@ -71,7 +71,7 @@ def clean_job(name: str, seed: int, around: str) -> tuple[float, int]:
 
 
 def loss_job(name: str, seed: int, around: str) -> dict[str, float]:
-    """One flight with a loss: delay of the alarm, size and its std two seconds later, the floor of the delay."""
+    """Fly with a loss of k1; return the alarm's delay and its floor [s], error and z of the size, lost, false alarm."""
     believed = air(nominal(name), around, excited=around == "wind")
     rng = np.random.default_rng((734, seed))
     delta = rng.uniform(-1.0, 1.0, 2)
@@ -101,14 +101,14 @@ def loss_job(name: str, seed: int, around: str) -> dict[str, float]:
 
 
 def floor(believed: Nominal, flight: Flight, onset: float, a6_factor: Factor, k1_factor: Factor) -> float:
-    """First time after the onset at which the expected log likelihood ratio of the known jump reaches the threshold."""
+    """Return how long [s] after onset the known jump's expected log likelihood ratio reaches the threshold, or inf."""
     times, information = known_state_information(believed, flight, onset, a6_factor, k1_factor)
     enough = 0.5 * LOSS**2 * information >= THRESHOLD
     return float(times[np.argmax(enough)] - onset) if enough.any() else math.inf
 
 
 def losses(table: Table, name: str, rows: list[dict[str, float]], around: str) -> None:
-    """A row of delays and sizes over flights with a loss."""
+    """Print a row of delays and sizes over flights with a loss."""
     delay, z, size, floors, lost, false = (np.array([row[key] for row in rows], float) for key in (
         "delay", "z", "size_error", "floor", "lost", "false"))
     final, possible = np.isfinite(z), np.isfinite(floors)

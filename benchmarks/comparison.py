@@ -45,7 +45,7 @@ MANY = 400              # subdomains of the weak form
 
 
 class Log(NamedTuple):
-    """Arrays of one flight, equal length."""
+    """Columns of one flight, arrays (n,)."""
 
     t: np.ndarray          # s
     theta: np.ndarray      # rad
@@ -55,12 +55,12 @@ class Log(NamedTuple):
 
     @property
     def period(self) -> float:
-        """Time between rows [s]."""
+        """Return the time between rows [s]."""
         return float(self.t[1] - self.t[0])
 
 
 def edges(log: Log, window: float) -> np.ndarray:
-    """First row of every complete window, and the row after the last: shape (windows + 1,)."""
+    """Return the first row of every complete window of `window` [s], and the row after the last: (windows + 1,)."""
     t = log.t - log.t[0]
     count = math.floor((t[-1] + 1.5 * log.period) / window)
     index = np.floor(t / window + 1e-9)
@@ -70,7 +70,7 @@ def edges(log: Log, window: float) -> np.ndarray:
 # --- launchid itself -------------------------------------------------------------------------------------------------
 
 def launchid(log: Log, window: float, model: Model, tracked: bool = False, **choices: Any) -> np.ndarray:
-    """launchid's Estimator fed by a host loop; `tracked`: the tracked estimate at the window's end, of all data so far.
+    """Run launchid's Estimator; return a6, k1 (windows, 2).  tracked: estimates at the window's end of all data.
 
     `difference` with ten terms is Navarro-Tapia et al.'s way, and Brunton, Proctor & Kutz, PNAS 113, 2016, with
     launchid's five-point differences; only `filtered`, its noise declared, knows the model.
@@ -105,7 +105,7 @@ def _weak_library(rows: int, period: float, half_width: float) -> Any:
 
 
 def pysindy_weak_tuned(log: Log, window: float, model: Model) -> np.ndarray:
-    """pysindy's weak form on theta and beta with MANY subdomains of 2 HALF_WIDTH sqrt(window).
+    """Run pysindy's weak form on theta and beta, MANY subdomains of 2 HALF_WIDTH sqrt(window); a6, k1 (windows, 2).
 
     Reinbold, Gurevich & Grigoriev, PRE 101, 2020; Messenger & Bortz, Multiscale Model. Simul. 19, 2021.
     FAVOUR: subdomains and their weights are built once, outside the timing after the first flight; tuned on `constant`
@@ -128,7 +128,7 @@ def pysindy_weak_tuned(log: Log, window: float, model: Model) -> np.ndarray:
 # --- parameters as states --------------------------------------------------------------------------------------------
 
 def walk(period: float, window: float) -> float:
-    """Variance per row of the relative random walk of a parameter, matched to the window.
+    """Return the variance per row of the relative random walk of a parameter, matched to the window [s].
 
     A random walk whose std after one window is the std that one window's data give makes the steady-state memory one
     window.  The bounds of the nominals are about 0.15 s / window (15, 3, 1.5 % for 1, 5, 10 s): DRIFT.
@@ -151,10 +151,10 @@ def _nozzle(model: Model, h: float) -> np.ndarray:
 
 
 def extended_kalman_profile(log: Log, window: float, model: Model) -> np.ndarray:
-    """Extended Kalman filter over (theta, theta_dot, beta, beta_dot, a6/nominal, k1/nominal), the command known.
+    """Run an extended Kalman filter over theta, theta_dot, beta, beta_dot and a6, k1 over the nominal's; a6, k1 out.
 
-    Jategaonkar, Flight Vehicle System Identification, 2nd ed., chapter 7.  Noises from the nominal; started there
-    +- 25 %; the parameters are random walks (`walk`) of the deviations from the nominal's profile.
+    Jategaonkar, Flight Vehicle System Identification, 2nd ed., chapter 7.  Command known, noises from the nominal;
+    started there +- 25 %; the parameters are random walks (`walk`) of the deviations from the nominal's profile.
     FAVOUR: knows the profile, as launchid does; compare with its tracked estimate, which also uses all data so far.
     """
     if model.delay:
@@ -190,7 +190,7 @@ def extended_kalman_profile(log: Log, window: float, model: Model) -> np.ndarray
 # --- the comparison ---------------------------------------------------------------------------------------------------
 
 class Method(NamedTuple):
-    """A row of the comparison."""
+    """A method of the comparison: a row of its table, and the function that runs it."""
 
     name: str
     run: Callable[[Log, float, Model], np.ndarray]
@@ -212,7 +212,7 @@ METHODS = (
 
 
 def job(name: str, seed: int, pysindy: bool) -> dict[tuple[float, str], np.ndarray]:
-    """One flight, all windows and methods: relative errors of a6 and k1, their bounds."""
+    """Fly once; return (window [s], method) -> (n, 4): relative errors of a6, k1, and their relative bounds."""
     believed = nominal(name)
     deviation, _ = draw(seed, SPREAD, noise_spread=False)
     vehicle = {"a6_factor": 1.0 + deviation[0], "k1_factor": 1.0 + deviation[1]}
@@ -234,7 +234,7 @@ def job(name: str, seed: int, pysindy: bool) -> dict[tuple[float, str], np.ndarr
 
 
 def figures(error: np.ndarray, bound: np.ndarray) -> tuple[float, float, float]:
-    """RMS error over RMS bound, median |error|, bias over standard deviation of one parameter."""
+    """Return RMS error over RMS bound, median |error|, bias over std of a parameter in windows with a useful bound."""
     used = (bound < USEFUL) & np.isfinite(error)
     if used.sum() < 2:
         return math.nan, math.nan, math.nan

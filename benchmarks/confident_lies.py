@@ -49,7 +49,7 @@ CLEAN_MODEL = 0.01
 
 @functools.cache
 def limits(name: str) -> tuple[tuple[str, bool], ...]:
-    """(effect as text, parallel to a6 or k1) of every cause at twice its limit on a clean flight of a nominal."""
+    """Return (effect as text, parallel to a6 or k1) of every cause at twice its limit on a nominal's clean flight."""
     made = diagnose(flown_log(fly_whole(nominal(name), REFERENCE_SEED)), nominal(name))
     m, full = made.model, made.elimination.full
     inverse = np.linalg.inv(information(m, full))
@@ -66,7 +66,7 @@ def limits(name: str) -> tuple[tuple[str, bool], ...]:
 
 
 def job(name: str, text: str, seed: int, declared: str, window: float) -> np.ndarray:
-    """The counts of one flight."""
+    """Fly once with effect `text`; return the counts WINDOWS to ALL_TRACKED_LIES (11,)."""
     effects = [from_text(text)] if text else []
     true = nominal(name)
     flight = fly_whole(true, seed, effects=effects)
@@ -89,12 +89,12 @@ def job(name: str, text: str, seed: int, declared: str, window: float) -> np.nda
 
 
 def far(value: float, std: float, true: float) -> bool:
-    """Whether a value is more than FAR of its own standard deviations off."""
+    """Whether a value is more than FAR of its standard deviations from the truth."""
     return abs(value - true) > FAR * std
 
 
 def share(count: np.ndarray, part: int, whole: int) -> float:
-    """One count over another, NaN where there is none."""
+    """Return count[part]/count[whole], NaN if the whole is 0."""
     return count[part] / count[whole] if count[whole] else math.nan
 
 

@@ -25,7 +25,7 @@ SECONDS = 60.0
 
 
 def noisy(gyro: float, disturbance: float) -> Nominal:
-    """Return the nominal with these levels."""
+    """Return the nominal `constant` with these noises: gyro [rad/s], unmodelled acceleration [rad/s^2]."""
     nominal = load_nominal("constant")
     return dataclasses.replace(
         nominal, sensors=dataclasses.replace(nominal.sensors, theta_dot_std=gyro),
@@ -33,7 +33,7 @@ def noisy(gyro: float, disturbance: float) -> Nominal:
 
 
 def job(gyro: float, disturbance: float, seed: int, is_command: bool) -> list[tuple[int, np.ndarray]]:
-    """One flight, for each window length: how many windows, and of those that are OK what `relative` gives."""
+    """Fly once; return, for each window length, the number of windows, and `relative` (n, 4) of the OK ones."""
     nominal = noisy(gyro, disturbance)
     log, a6, k1 = flown_log(fly_whole(nominal, seed)), nominal.vehicle.a6[0], nominal.vehicle.k1[0]
     if is_command:

@@ -1,8 +1,8 @@
-"""The labelled set of the diagnosis: its cases as they are read from `diagnosis_set.toml`, and how an answer is judged.
+"""The labelled set of the diagnosis: read its cases from `diagnosis_set.toml`, and judge answers.
 
-An answer is `right` where it is one of those that the case accepts, `wrong` where it says what is not so, and `refused`
-where it does neither: it finds nothing, cannot say what, or names a part.  Judging needs the row of an answer only, not
-the log, so a label that is corrected judges the rows that there are.
+An answer is `right` if the case accepts it, `wrong` if it says what is not so, and `refused`
+if neither: it finds nothing, cannot say what, or names a part.  Judging needs the row of an answer only, not
+the log, so a label that is corrected judges existing rows.
 """
 
 import re
@@ -37,7 +37,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Case:
-    """One log with its nominal, and what may be said of it.
+    """One log with its nominal, and the answers that are right or wrong for it.
 
     source     what the log is (see `diagnosis_sources`); its options, and the nominal's name
     accepted   right answers: a verdict that names nothing, or "a+b": every one of these causes is named, and nothing
@@ -70,9 +70,9 @@ TAKEN = {each.name for each in fields(Case)} - {"source", "options", "group"}
 
 
 def read_set() -> tuple[list[Case], dict[str, Any]]:
-    """The cases in the order of the file, and the nominals that it brings: {name: TOML table}.
+    """Return the cases in the order of the file, and the nominals that it brings: {name: TOML table}.
 
-    ValueError naming the case where something of it is unknown, missing or there twice.
+    ValueError naming the case if a part of it is unknown, missing or there twice.
     """
     table = tomllib.loads(SET.read_text(encoding="utf-8"))
     cases: list[Case] = []
@@ -122,7 +122,7 @@ def _names(of: Iterable[str]) -> set[str]:
 
 
 def outcome(case: Case, row: Row) -> str:
-    """right, wrong or refused; a diagnosis that crashed is wrong."""
+    """Return "right", "wrong" or "refused" for an answer's row; a diagnosis that crashed is wrong."""
     if row["verdict"] == "crashed" or wrong_names(case, row) or row["verdict"] in case.never:
         return "wrong"
     return "right" if any(each == ANYTHING or _is_answer(each, row) for each in case.accepted) else "refused"
@@ -146,13 +146,13 @@ def _is_answer(accepted: str, row: Row) -> bool:
 
 
 def names_in(answer: dict[str, Any]) -> set[str]:
-    """The names under which a named cause may be accepted: its own, with its term, and those it is not told from."""
+    """Return the names that count for a named cause: its own, with its term, and those it is not told from."""
     own = {answer["cause"]} | ({f"{answer['cause']}({answer['term']})"} if answer["term"] else set())
     return own | set(answer["alike"])
 
 
 def wrong_names(case: Case, row: Row) -> list[str]:
-    """The names given that are wrong."""
+    """Return the names in the answer that are wrong for the case."""
     right, never = _names((*case.accepted, *case.beside)), _names(case.never)
     named = row["named"] if row["verdict"] in NAMED else []
     wrong = []
@@ -166,12 +166,12 @@ def wrong_names(case: Case, row: Row) -> list[str]:
 
 
 def is_of_input(answer: dict[str, Any]) -> bool:
-    """Whether a named cause is one of the input: what no placebo may have."""
+    """Whether a named cause acts on the input (actuator, controller, nozzle): a placebo must not have one."""
     return answer["where"] in ("actuator", "controller") or answer["cause"] in OF_INPUT or "beta" in answer["term"]
 
 
 def sizes(case: Case, row: Row) -> Iterator[tuple[str, float, float]]:
-    """(cause.parameter, distance from what is known, standard deviation) of each right name whose size is known."""
+    """Yield (cause.parameter, distance from the known size, its std) of each right name whose size is known."""
     known = case.sizes or {key: (value, value) for key, value in row["truth"].items()}
     for answer in row["named"] if row["verdict"] in NAMED else []:
         for parameter, (value, std) in answer["sizes"].items():
@@ -182,7 +182,7 @@ def sizes(case: Case, row: Row) -> Iterator[tuple[str, float, float]]:
 
 
 def said(row: Row) -> str:
-    """The answer in one line: verdict, names with what they are not told from, first sizes."""
+    """Return the answer in one line: verdict, names with what they are not told from, first sizes."""
     words = []
     for answer in row["named"]:
         name = f"{answer['cause']}({answer['term']})" if answer["term"] else answer["cause"]

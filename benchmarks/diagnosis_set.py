@@ -68,7 +68,7 @@ WARM = 8.0         # s of the flight by which a worker loads the compiled code
 
 
 def answered(case: Case, nominals: dict[str, Any], folders: tuple[Path, ...], sources: str) -> Row:
-    """The row of a case: what was said, its seconds, and what the generator knows.
+    """Diagnose a case; return its row: the answer, its seconds, and what the generator knows.
 
     named   [{"cause", "term", "alike": [...], "where", "sizes": {parameter: [value, std]}, "nats", "removed"}]
     truth   {"cause.parameter": value} of a flight, with the limit that is printed for that cause in `limits`
@@ -99,7 +99,7 @@ def answered(case: Case, nominals: dict[str, Any], folders: tuple[Path, ...], so
 
 
 def named(cause: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a named cause that a row keeps."""
+    """Return the fields of a named cause that a row keeps."""
     term = cause["parameters"].get("term", {}).get("value")
     return {"cause": cause["cause"], "term": term or "", "alike": cause["indistinguishable_from"],
             "where": cause["where"], "nats": cause["evidence"]["nats"], "removed": cause["removed"],
@@ -108,20 +108,20 @@ def named(cause: dict[str, Any]) -> dict[str, Any]:
 
 
 def asked(case: Case, nominals: dict[str, Any]) -> str:
-    """A hash of what a case asks: not of its labels."""
+    """Return a hash of a case's log and nominal, not of its labels."""
     nominal = (case.nominal, nominals.get(case.nominal))
     return digest([repr((case.source, sorted(case.options.items()), *nominal)).encode()])
 
 
 def sources_now() -> str:
-    """A hash of the sources that decide an answer."""
+    """Return a hash of the source files that decide an answer."""
     paths = [path for folder in DECIDES for path in sorted((ROOT / folder).rglob("*"))
              if path.suffix in (".py", ".toml", ".csv")]
     return digest(path.read_bytes() for path in (*paths, *(ROOT / name for name in AND_FILES)))
 
 
 def digest(parts: Iterable[bytes]) -> str:
-    """Sixteen hexadecimal digits."""
+    """Return the first sixteen hexadecimal digits of the SHA-256 of all parts."""
     total = hashlib.sha256()
     for part in parts:
         total.update(part)
@@ -132,7 +132,7 @@ def digest(parts: Iterable[bytes]) -> str:
 
 
 def run(cases: list[Case], nominals: dict[str, Any], args: argparse.Namespace, path: Path) -> list[Row]:
-    """The rows of these cases, of which the file already has some; Ctrl-C ends it with those that there are."""
+    """Return the rows of these cases; those not yet in the file are diagnosed and appended.  Ctrl-C ends it early."""
     sources = sources_now()
     there = {row["case"]: row for row in read_rows(path) if row["sources"] == sources}
     there = {case.name: there[case.name] for case in cases
@@ -159,7 +159,7 @@ def run(cases: list[Case], nominals: dict[str, Any], args: argparse.Namespace, p
 
 
 def in_turn(cases: list[Case]) -> list[Case]:
-    """Each group's cases over the same time, so that a run that is cut off has some of every group."""
+    """Return the cases with each group's spread over the run, so that one cut short has some of every group."""
     groups = Counter(case.group for case in cases)
     number: Counter[str] = Counter()
     turn = []
@@ -170,7 +170,7 @@ def in_turn(cases: list[Case]) -> list[Case]:
 
 
 def in_processes(cases: list[Case], given: tuple[Any, ...], jobs: int) -> Iterator[Row]:
-    """The rows as they come, of so many processes, or of this one."""
+    """Yield the rows as they come, from `jobs` processes, or from this one if jobs is 1."""
     work = functools.partial(_answered, given)
     if jobs <= 1 or len(cases) < 2:
         if cases:
@@ -192,7 +192,7 @@ def _begun() -> None:
 
 
 def warmed() -> None:
-    """Load the compiled code of generator and diagnosis, so that no case's seconds hold that."""
+    """Load the compiled code of generator and diagnosis, so that no case's seconds include it."""
     nominal = load_nominal("constant")
     log = flown_log(fly_whole(nominal, 1), "warm")
     first = log.t < WARM
@@ -202,7 +202,7 @@ def warmed() -> None:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """The answers of a file; a last line that was cut off is none."""
+    """Return the rows of a file of answers, the last of each case; a line that was cut off is skipped."""
     rows: dict[str, Row] = {}
     if path.exists():
         for line in path.read_text(encoding="utf-8").splitlines():
@@ -213,7 +213,7 @@ def read_rows(path: Path) -> list[Row]:
 
 
 def still_asked(cases: list[Case], nominals: dict[str, Any], path: Path) -> list[Row]:
-    """The answers of a file to what these cases ask today; those to another log or nominal of that name are said."""
+    """Return the rows of a file that answer these cases as they are today; print which had another log or nominal."""
     asks = {case.name: asked(case, nominals) for case in cases}
     rows = [row for row in read_rows(path) if row["case"] in asks]
     stale = [row["case"] for row in rows if row["asked"] != asks[row["case"]]]
@@ -226,7 +226,7 @@ def still_asked(cases: list[Case], nominals: dict[str, Any], path: Path) -> list
 
 
 def table(cases: list[Case], runs: list[list[Row]]) -> list[str]:
-    """The table by group, by kind, by part and over all; of two runs, both numbers in each cell."""
+    """Return the lines of the table by group, kind and part and over all; of two runs, both numbers in each cell."""
     by_name = [{row["case"]: row for row in rows} for rows in runs]
     shared = [case for case in cases if all(case.name in rows for rows in by_name)]
     lines = [_columns(["", "cases", *OUTCOMES, "far / sized", "within 95 %", "median s", "90 % s"], len(runs))]
@@ -244,7 +244,7 @@ def table(cases: list[Case], runs: list[list[Row]]) -> list[str]:
 
 
 def line(name: str, cases: list[Case], by_name: list[dict[str, Row]]) -> str:
-    """One line of the table: a number of each run in each cell."""
+    """Return one line of the table: a number of each run in each cell."""
     def count(wanted: str) -> list[str]:
         return [str(sum(outcome(case, rows[case.name]) == wanted for case in cases)) for rows in by_name]
 
@@ -263,7 +263,7 @@ def _columns(cells: list[str], runs: int) -> str:
 
 
 def far(cases: list[Case], rows: dict[str, Row]) -> tuple[str, str]:
-    """("sizes farther than FAR deviations / sizes", share within the 95 % interval) of these cases' right names."""
+    """Return ("sizes farther than FAR std / sizes", share within the 95 % interval) of these cases' right names."""
     of = [(away, std) for case in cases for _, away, std in sizes(case, rows[case.name])]
     if not of:
         return "", ""
@@ -272,7 +272,7 @@ def far(cases: list[Case], rows: dict[str, Row]) -> tuple[str, str]:
 
 
 def not_right(cases: list[Case], rows: list[Row]) -> Iterator[str]:
-    """A line for each case that is not right: what was said, what would have been."""
+    """Yield a line for each case that is not right: the answer given, the answers accepted."""
     by_name = {row["case"]: row for row in rows}
     for case in cases:
         if case.name in by_name and (how := outcome(case, row := by_name[case.name])) != "right":
@@ -286,7 +286,7 @@ def not_right(cases: list[Case], rows: list[Row]) -> Iterator[str]:
 
 
 def compared(cases: list[Case], before: list[Row], after: list[Row]) -> tuple[list[str], bool]:
-    """The lines printed of two runs, and whether an answer got worse."""
+    """Return the lines that compare two runs, and whether an answer got worse."""
     lines, old, new = table(cases, [before, after]), {}, {}
     for rows, into in ((before, old), (after, new)):
         into.update({row["case"]: row for row in rows})
@@ -307,7 +307,7 @@ def compared(cases: list[Case], before: list[Row], after: list[Row]) -> tuple[li
 
 
 def spoken(row: Row) -> tuple[Any, ...]:
-    """Verdict and names without their sizes."""
+    """Return the verdict and the names of an answer, without sizes."""
     return (row["verdict"], *((each["cause"], each["term"], *each["alike"]) for each in row["named"]))
 
 
@@ -315,14 +315,14 @@ def spoken(row: Row) -> tuple[Any, ...]:
 
 
 def chosen(cases: list[Case], args: argparse.Namespace) -> list[Case]:
-    """The cases that are asked for."""
+    """Return the cases that the command's options choose."""
     return [case for case in cases if (args.judge or case.part != JUDGED)
             and (not args.groups or case.group in args.groups) and (not args.kinds or case.kind in args.kinds)
             and (not args.cases or any(each in case.name for each in args.cases)) and (case.in_tests or not args.tenth)]
 
 
 def fresh(cases: list[Case], first: int, count: int) -> list[Case]:
-    """Flights of the same kinds with other seeds and rates."""
+    """Return `count` cases of hidden flights of the set's kinds with new seeds, from `first` on, and RATES in turn."""
     hidden = [case for case in cases if case.source[0] == "hidden"]
     step = len(hidden) / count
     drawn = [hidden[int(k * step) % len(hidden)] for k in range(count)]

@@ -1,4 +1,4 @@
-"""The sources of the labelled set: from a case to its log and its nominal.
+"""The sources of the labelled set: make the log and the nominal of a case.
 
     hidden = "slosh+actuator_delay"   a flight of the independent generator (tests/hidden) with these causes or effects
                                       that nobody listed, "" for none; nominal, seed, rate [Hz], and of `draw_spec`
@@ -51,13 +51,13 @@ Columns = dict[str, np.ndarray]
 
 
 class Absent(Exception):
-    """A log, a package or a nominal that is not on this machine; the words say which, and where to get it."""
+    """A log, a package or a nominal is not on this machine; the message says which, and where to get it."""
 
 
 class Material(NamedTuple):
     """A case's log, its nominal, and what only the generator knows.
 
-    truth   {"cause.parameter": value} of what is hidden
+    truth   {"cause.parameter": value} of the hidden causes
     places  at which an unlisted effect may be said to be; empty: nothing is known
     """
 
@@ -68,7 +68,7 @@ class Material(NamedTuple):
 
 
 def material(case: Case, nominals: dict[str, Any], folders: tuple[Path, ...] = ()) -> Material:
-    """The log and the nominal of a case; Absent where this machine does not have them."""
+    """Return the log and the nominal of a case; Absent where this machine does not have them."""
     kind, name = case.source
     log, nominal, truth, places = MAKERS[kind](case, name, nominals, folders)
     if case.options.get("as_command"):
@@ -155,7 +155,7 @@ MAKERS: dict[str, Maker] = {"hidden": _hidden, "simulated": _simulated, "rebuilt
 
 
 def named_nominal(name: str, nominals: dict[str, Any]) -> Nominal:
-    """A nominal that is built in, or a table of the set."""
+    """Return a built-in nominal, or one of the set's tables `nominals`; ValueError if it is neither."""
     if name in BUILT_IN + STAND_NOMINALS:
         return load_nominal(name)
     if name not in nominals:
@@ -167,13 +167,13 @@ def named_nominal(name: str, nominals: dict[str, Any]) -> Nominal:
 
 
 def shifted(log: Log, part: float) -> Log:
-    """The log with its input of another time: nozzle and command moved circularly by this part of it."""
+    """Return the log with its input, nozzle and command, moved circularly by this part of the log: a placebo."""
     rows = round(part * len(log.t))
     return dataclasses.replace(log, beta=np.roll(log.beta, rows), beta_cmd=np.roll(log.beta_cmd, rows))
 
 
 def as_command(log: Log) -> Log:
-    """The input as a command instead of a measured nozzle."""
+    """Return the log with its measured nozzle as command; unchanged if it has a command."""
     if np.isfinite(log.beta_cmd).any():
         return log
     columns = tuple("beta_cmd" if name == "beta" else name for name in log.columns)

@@ -1,8 +1,8 @@
-"""Processor and wall time of each first command from a cold kernel cache, beside another checkout in the same minutes.
+"""Measure processor and wall time of each first command with a cold kernel cache, here and in another checkout.
 
     python benchmarks/doors.py --beside ../older [--runs 3] [--door simulate|effects|estimator|identify|diagnose]
 
-Each run of a door starts with an empty cache; the two checkouts take turns, and the medians are compared.
+Each run of a door (first command) starts with an empty cache; the two checkouts take turns; medians are compared.
 """
 
 import os
@@ -34,7 +34,7 @@ DOORS = {"simulate": "simulate constant --out OUT", "effects": f"simulate consta
 
 
 def spent(tree: Path, words: str, cache: Path, log: Path) -> tuple[float, float]:
-    """Processor and wall time [s] of a command of a checkout; of the code ESTIMATOR without words."""
+    """Return processor and wall time [s] of a command (`words`) of a checkout; without words, of the code ESTIMATOR."""
     named = {"LOG": str(log), "OUT": str(cache / "out.csv")}
     command = ["-m", "sim", *(named.get(word, word) for word in words.split())] if words else ["-c", ESTIMATOR]
     environment = {**os.environ, "PYTHONPATH": str(tree), "LAUNCHID_CACHE": str(cache)}
@@ -48,7 +48,7 @@ def spent(tree: Path, words: str, cache: Path, log: Path) -> tuple[float, float]
 
 
 def main() -> None:
-    """Time the doors."""
+    """Time the doors (first commands) and print the table."""
     args = arguments(__doc__, beside="", runs=3, door=list(DOORS))
     other = Path(args.beside or HERE).resolve()
     table = Table("first 10", "processor [s] 6.1f", "wall [s] 6.1f", "over the other: processor 5.2f", "wall 5.2f")

@@ -1,4 +1,4 @@
-"""What the benchmarks share: options, flights of dispersed vehicles on all cores, their estimates, tables."""
+"""Common parts of the benchmarks: options, flights of dispersed vehicles on all cores, their estimates, tables."""
 
 import argparse
 import dataclasses
@@ -29,9 +29,9 @@ FINEST = 0.0005                          # s: a step of the simulation for perio
 
 
 def arguments(doc: str, parts: Iterable[str] = (), **defaults: Any) -> argparse.Namespace:
-    """The options of a benchmark whose page is `doc`, one for each default: of a tuple the first is the default, the
-    others may be chosen; of a list all are, and any may be, of numbers others too.  `part`: which of the parts, if
-    there are any.  `seeds` are those of the flights from `seed` on."""
+    """Return the command's options, one for each default: of a tuple the first is the default and the others may be
+    chosen; of a list all are, and any may be, of numbers others too.  doc: help text; `part`: one of `parts`, if there
+    are any; `seeds`: those of the flights from `seed` on."""
     parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     if parts:
         parser.add_argument("part", choices=parts)
@@ -73,19 +73,19 @@ class Table:
         print(*head)
 
     def row(self, *cells: Any, good: bool = True) -> None:
-        """Print a line; one that is not good is MISSED."""
+        """Print a line; if not `good`, marked MISSED and counted."""
         self.missed += not good
         texts = [f"{cell:{form}}" for cell, form in zip(cells, self.cells, strict=True)]
         print(*texts, "" if good else "MISSED", flush=True)
 
 
 def nominal(name: str) -> Nominal:
-    """A built-in nominal."""
+    """Return a built-in nominal."""
     return load_nominal(built_in(name))
 
 
 def at_rate(believed: Nominal, rate: float) -> Nominal:
-    """The nominal with controller and sensors at another rate [Hz]; the noise of a draw stays."""
+    """Return the nominal with controller and sensors at another rate [Hz]; the standard deviation of a draw stays."""
     step = believed.simulation.step
     return dataclasses.replace(
         believed, controller=dataclasses.replace(believed.controller, period=1.0 / rate),
@@ -94,21 +94,21 @@ def at_rate(believed: Nominal, rate: float) -> Nominal:
 
 
 def multisine(duration: float) -> Multisine:
-    """TONES of equal amplitude with Schroeder's phases, TEST_RMS in all."""
+    """Return a multisine over `duration` [s]: TONES of equal amplitude, Schroeder's phases, TEST_RMS in all."""
     n = len(TONES)
     return Multisine(start=0.0, duration=duration, frequency=TONES, amplitude=(TEST_RMS * math.sqrt(2.0 / n),) * n,
                      phase=tuple(-math.pi * k * (k + 1) / n for k in range(n)))
 
 
 def in_air(believed: Nominal, air: str) -> Nominal:
-    """The nominal in one of AIRS."""
+    """Return the nominal in one of AIRS."""
     return dataclasses.replace(
         believed, offsets=None if air == "calm" else OFFSETS, wind=WIND if air in ("wind", "excited") else None,
         test_input=multisine(believed.simulation.duration) if air == "excited" else None)
 
 
 def with_levels(declared: Nominal, seed: int) -> Nominal:
-    """The vehicle and air whose noise levels, of the wind too, are each a factor within WRONG_LEVEL off."""
+    """Return the nominal with each noise level, of the wind too, off by a factor within WRONG_LEVEL, drawn by seed."""
     factors = np.exp(np.random.default_rng((918, seed)).uniform(-1.0, 1.0, FACTORS + 2) * math.log(WRONG_LEVEL))
     true = with_noise(declared, factors[:FACTORS])
     if true.wind is None:
@@ -118,7 +118,7 @@ def with_levels(declared: Nominal, seed: int) -> Nominal:
 
 
 def with_noise(believed: Nominal, factors: np.ndarray) -> Nominal:
-    """The vehicle whose five noise levels are `factors` times the declared ones."""
+    """Return the nominal with its five noise levels multiplied by `factors` (5,)."""
     s, a, m = believed.sensors, believed.actuator, believed.simulation
     return dataclasses.replace(
         believed,
@@ -129,7 +129,7 @@ def with_noise(believed: Nominal, factors: np.ndarray) -> Nominal:
 
 
 def draw(seed: int, spread: float, noise_spread: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Relative deviations of a6 and k1, uniform in +-spread, and the noise factors, log-uniform in 0.67..1.5 or 1."""
+    """Draw relative deviations (2,) of a6, k1, uniform in +-spread, and noise factors, log-uniform 0.67..1.5, or 1."""
     rng = np.random.default_rng((917, seed))
     deviation = rng.uniform(-spread, spread, 2)
     low, high = math.log(0.67), math.log(1.5)
@@ -138,19 +138,19 @@ def draw(seed: int, spread: float, noise_spread: bool) -> tuple[np.ndarray, np.n
 
 
 def estimates_of(flight: Flight, believed: Nominal, window: float, **choices: Any) -> list[Estimate]:
-    """The estimates of `filtered` on a flight, in windows of this length [s]."""
+    """Return the estimates of `filtered` on a flight, in windows of this length [s]."""
     return run(Config(window=window, sample_period=flight.period, formulation="filtered",
                       model=onboard_model(believed), **choices), flight.rows())[0]
 
 
 def relative(of: Sequence[Estimate | Tracked], a6: np.ndarray, k1: np.ndarray) -> np.ndarray:
-    """Errors of a6 and k1, then their standard deviations, relative to the truth: shape (n, 4)."""
+    """Return errors of a6 and k1, then their standard deviations, relative to the truth a6, k1 (n,): shape (n, 4)."""
     rows = np.array([[each.a6, each.k1, each.a6_std, each.k1_std] for each in of]).reshape(-1, 4)
     truth = np.column_stack([a6, k1])
     return np.column_stack([rows[:, :2] - truth, rows[:, 2:]]) / np.tile(np.abs(truth), 2)
 
 
 def run_jobs(job: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
-    """job(*arguments) for all, in order, one process a core."""
+    """Return job(*arguments) for all, in order, run in one process a core."""
     with ProcessPoolExecutor(max_workers=os.cpu_count()) as executor:
         return list(executor.map(job, *zip(*arguments, strict=True), chunksize=4))

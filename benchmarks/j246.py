@@ -18,7 +18,7 @@ from foreign import j246_cases
 
 
 def case_of(name: str, seed: int) -> Case:
-    """The labelled case of a flight."""
+    """Return the labelled case of a flight."""
     known, _ = j246_cases.flown(name, seed)
     return Case(f"{name} {seed}", name, "foreign", ("foreign", name), "", ("/".join(known.causes) or "consistent",),
                 {"seed": seed}, known.look_alikes, (OTHERS,))

@@ -45,12 +45,12 @@ TONES = ((0.05, 2.0, 0.3), (0.03, 4.5, 1.1), (0.02, 7.0, 2.0))  # amplitude [rad
 
 
 def as_lines(rows: np.ndarray) -> str:
-    """The rows as the C programs read them."""
+    """Return the rows as text, as the C programs read them."""
     return "".join(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
 
 
 def plain_close(states: np.ndarray, slopes: np.ndarray, repeats: int) -> tuple[np.ndarray, float, float]:
-    """Microseconds of processor time of each close of close.c, and its a6 and k1."""
+    """Compile and run close.c; return the processor time [us] of each close, and its a6 and k1."""
     with tempfile.TemporaryDirectory() as folder:
         program = str(Path(folder) / "close")
         subprocess.run([CC, "-std=c99", *FAST, str(HERE / "close.c"), "-lm", "-o", program], check=True)
@@ -61,7 +61,7 @@ def plain_close(states: np.ndarray, slopes: np.ndarray, repeats: int) -> tuple[n
 
 def exported(config: Config, samples: list[Sample], repeats: int, *how: str, flags: tuple[str, ...] = FAST
              ) -> tuple[np.ndarray, int, int]:
-    """The times [us] that port.c prints of an exported estimator; bytes of its struct, and of code and constants."""
+    """Compile and run an exported estimator; return the times [us] of port.c, bytes of its struct and of its code."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in c_files(config).items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
@@ -80,7 +80,7 @@ def exported(config: Config, samples: list[Sample], repeats: int, *how: str, fla
 
 def timed(call: Callable[[Any], Any], given: list[Any], clock: Callable[[], int] = time.process_time_ns
           ) -> tuple[np.ndarray, list[Any]]:
-    """Microseconds of every call, and what it returned; garbage collector off."""
+    """Call with each argument of `given`, garbage collector off; return the time [us] of every call, and its answer."""
     spent, answers = [0] * len(given), []
     gc.collect()
     gc.disable()
@@ -96,7 +96,7 @@ def timed(call: Callable[[Any], Any], given: list[Any], clock: Callable[[], int]
 
 
 def noise_free() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """t (n,), states (n, 3) and their exact derivatives (n, 3) of theta_ddot = A6 theta + K1 beta, a sum of sines."""
+    """Return t (n,), states (n, 3), exact derivatives (n, 3) of theta_ddot = A6 theta + K1 beta, a sum of sines."""
     t = np.arange(ROWS) * PERIOD
     derivative = [sum(a * w**k * np.sin(w * t + p + 0.5 * np.pi * k) for a, w, p in TONES) for k in range(4)]
     beta = (derivative[2] - A6 * derivative[0]) / K1
@@ -106,7 +106,7 @@ def noise_free() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def numpy_stls(states: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Sequentially thresholded least squares on the ten quadratic terms with np.linalg.lstsq; returns Xi (10, 3)."""
+    """Return Xi (10, 3) by sequentially thresholded least squares on the ten quadratic terms with np.linalg.lstsq."""
     theta, rate, beta = states.T
     library = np.column_stack([np.ones(len(theta)), theta, rate, beta, theta**2, theta * rate, theta * beta, rate**2,
                                rate * beta, beta**2])
@@ -126,12 +126,12 @@ def numpy_stls(states: np.ndarray, slopes: np.ndarray) -> np.ndarray:
 
 
 def worst(a6: float, k1: float) -> float:
-    """Larger of the two relative errors."""
+    """Return the larger of the relative errors of a6 and k1."""
     return max(abs(a6 / A6 - 1.0), abs(k1 / K1 - 1.0))
 
 
 def close_times(repeats: int) -> dict[str, tuple[np.ndarray, float]]:
-    """Microseconds and worst relative error of one window, 100 rows x ten terms, by each tool.
+    """Return tool -> (times [us], worst relative error) of closing one window, 100 rows x ten terms.
 
     Processor time, but of the exported C, whose clock is the wall's.  All get theta_ddot exactly; numpy, pysindy and
     plain C get the exact beta_dot too, which launchid differences.
@@ -176,7 +176,7 @@ def close_times(repeats: int) -> dict[str, tuple[np.ndarray, float]]:
 
 
 def update_times(samples: list[Sample], repeats: int) -> dict[str, float]:
-    """Microseconds of an update of each kind of `filtered`, mean of the best repeat: other processes only add."""
+    """Return the time [us] of an update of each kind of `filtered`: mean of the best repeat, as others only add."""
     calm, windy = onboard_model(nominal("constant")), onboard_model(in_air(nominal("constant"), "wind"))
     means = {}
     for name, library, model in ((CALM, "rigid-body", calm), ("filtered, ten terms", "quadratic", calm),
@@ -191,7 +191,7 @@ def update_times(samples: list[Sample], repeats: int) -> dict[str, float]:
 
 
 def replay_rates(config: Config, samples: list[Sample], repeats: int) -> tuple[float, float]:
-    """Million samples a second of a whole log in one call and of the same in C, medians of processor time."""
+    """Return million samples a second of a whole log in one call, Python and C (NaN: no gcc): median processor time."""
     estimator, given = Estimator(config), np.array(samples)
     estimator.replay(given[:200])  # compiles
     spent = []
@@ -210,7 +210,7 @@ def _empty(block: Any, ring: Any, seals: Any, t: float, theta: float, theta_dot:
 
 
 def call_times(config: Config, samples: list[Sample], repeats: int) -> list[float]:
-    """Microseconds of processor time, medians of batches taken in turn: an empty call, the compiled step, `update`."""
+    """Return median processor times [us] of batches taken in turn: an empty call, the compiled step, `update`."""
     estimator = Estimator(config)
     memory, step = estimator._memory, estimator._step
     given = memory.block, memory.apart["ring"], memory.apart["seals"]
@@ -230,7 +230,7 @@ def call_times(config: Config, samples: list[Sample], repeats: int) -> list[floa
 
 
 def long_run(config: Config, samples: int) -> np.ndarray:
-    """Nanoseconds of processor time a sample, of each million of one run."""
+    """Return the processor time [ns] a sample of each million of one run."""
     estimator, found = Estimator(config), []
     for begin in range(0, samples, CHUNK):
         t = (begin + np.arange(min(CHUNK, samples - begin))) * PERIOD

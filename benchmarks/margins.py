@@ -58,7 +58,7 @@ LEAST, MOST, RATIO_MOST = 0.93, 0.975, 1.15
 
 
 def drawn(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
-    """The true vehicle's servo, and its a6 and k1 over the nominal's."""
+    """Draw the true vehicle's servo; return the nominal with it, and the true a6 and k1 over the nominal's."""
     random = np.random.default_rng((919, seed))
     frequency, damping = 1.0 + random.uniform(-SERVO_SPREAD, SERVO_SPREAD, 2)
     a6, k1 = 1.0 + random.uniform(-SPREAD, SPREAD, 2)
@@ -69,7 +69,7 @@ def drawn(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
 
 
 def declared_unknown(vehicle: Nominal) -> Nominal:
-    """A vehicle whose servo is declared with SIGMA."""
+    """Return the vehicle with its servo declared uncertain, with SIGMA."""
     return dataclasses.replace(vehicle, actuator=dataclasses.replace(vehicle.actuator, **SIGMA))
 
 
@@ -79,8 +79,9 @@ def _columns(flight: Flight) -> dict[str, np.ndarray]:
 
 
 def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarray] | None:
-    """The judgement of one flight: whether the interval of each margin holds, by window and tracked, errors over the
-    bound, and the servo's errors over their standard deviations.  None if it is lost."""
+    """Judge one flight's margins; None if it is lost.  window, tracked (n, 4): whether each interval holds the truth;
+    ratio (n, 2): errors of a6, k1 over the bound; cost: that bound over a known servo's; servo (1, 3): its errors over
+    their std."""
     believed = in_air(nominal(name), air)
     true, a6_factor, k1_factor = drawn(believed, seed)
     flight = fly_whole(true, seed, a6_factor=a6_factor, k1_factor=k1_factor)
@@ -109,7 +110,7 @@ def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarra
 
 
 def coverage(args: argparse.Namespace) -> None:
-    """Two lines for each nominal, air and window length, windows and tracked, and one of servo and bound."""
+    """Print two lines for each nominal, air and window length, windows and tracked, and one of servo and bound."""
     for name in args.nominal:
         for air in AIRS:
             for window in WINDOWS:
@@ -136,14 +137,14 @@ NAMED_LEAST, FALSE_MOST, REFUSED_LEAST = 0.95, 0.01, 0.95
 
 
 def margins_of_vehicle(vehicle: Nominal, a6: float, k1: float, gains: tuple[float, ...] = ()) -> np.ndarray:
-    """The true margins (4,) of a6, k1 [1/s^2] behind a vehicle's servo."""
+    """Return the true margins (4,) of a6, k1 [1/s^2] behind a vehicle's servo; gains (kp, kd [s]) if others fly."""
     servo, controller = vehicle.actuator, vehicle.controller
     row = np.array([[a6, k1, servo.natural_frequency, servo.damping_ratio, servo.delay]])
     return np.asarray(margin_table(loops(plants_of(row), controller, *gains))[0])
 
 
 def slow_servo(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
-    """A vehicle whose servo leaves less than LITTLE degrees, and is not beyond what keeps it stable."""
+    """Draw a vehicle whose servo leaves less than LITTLE degrees but is stable; and a6, k1 over the nominal's."""
     _, a6, k1 = drawn(believed, seed)
     servo, random = believed.actuator, np.random.default_rng((920, seed))
     while True:
@@ -161,8 +162,8 @@ def _at(vehicle: Nominal, t: float, a6: Factor, k1: Factor) -> tuple[float, floa
 
 
 def warned(is_slow: bool, seed: int) -> tuple[bool, bool, bool] | None:
-    """Whether a flight was named within two windows, whether in any, and whether the vehicle keeps what is required;
-    None of one that is lost."""
+    """Return whether a flight was named within two windows, whether in any, whether the vehicle keeps what is required;
+    None if it is lost."""
     believed = nominal("constant")
     believed = dataclasses.replace(believed, simulation=dataclasses.replace(believed.simulation, duration=SHORT))
     true, a6, k1 = (slow_servo if is_slow else drawn)(believed, seed)
@@ -179,7 +180,7 @@ def warned(is_slow: bool, seed: int) -> tuple[bool, bool, bool] | None:
 
 
 def warnings(args: argparse.Namespace) -> None:
-    """The two lines of `warnings`."""
+    """Print the two lines of `warnings`."""
     slow, sound = ([each for each in run_jobs(warned, [(kind, seed) for seed in args.seeds]) if each]
                    for kind in (True, False))
     keeps = [each for each in sound if each[2]]
@@ -190,8 +191,8 @@ def warnings(args: argparse.Namespace) -> None:
 
 
 def gated(name: str, scenario: str, seed: int) -> tuple[int, int, int, int, int]:
-    """The counts of one flight: gain sets put to the gate, with little phase margin, of these adopted, and among them
-    those where the legacy gains had less; whether it was lost."""
+    """Fly once; return how many gain sets were put to the gate, had little phase margin, of these were adopted, and of
+    those beat the legacy gains'; whether it was lost."""
     believed = nominal(name)
     true, _, _ = drawn(believed, seed)
     job = draw_jobs(name, scenario, [seed])[0]
@@ -217,7 +218,7 @@ def gated(name: str, scenario: str, seed: int) -> tuple[int, int, int, int, int]
 
 
 def gate(args: argparse.Namespace) -> None:
-    """A line for each nominal and scenario."""
+    """Print a line for each nominal and scenario."""
     table = Table("nominal 16", "scenario 8", "flights 7d", "lost 5d", "asked 7d", "little 7d", "flew 5d",
                   "legacy less 11d")
     for name in args.nominal:
@@ -255,8 +256,8 @@ RATES = ((25.0, 25.0), (50.0, 50.0), (100.0, 100.0), (200.0, 200.0), (50.0, 200.
 
 
 def flown(believed: Nominal, kind: str, name: str, seed: int) -> tuple[dict[str, np.ndarray], Nominal, Any]:
-    """A log of another loop, the nominal that its margins are asked with, and the true vehicle at t [s] (None: its
-    margins are not known)."""
+    """Return a log of another loop, the nominal to ask its margins with, and a function t [s] -> true vehicle (None:
+    its margins are not known)."""
     servo, controller = believed.actuator, believed.controller
     if kind == "controller":
         true = dataclasses.replace(believed, controller=CONTROLLERS[name](controller))
@@ -292,8 +293,8 @@ def flown(believed: Nominal, kind: str, name: str, seed: int) -> tuple[dict[str,
 
 
 def right(name: str, kind: str, regime: str, seed: int) -> tuple[int, int, float, str]:
-    """Of a flight of another loop: windows, those refused, the largest error of the others in half-widths, and in
-    which window it is."""
+    """Ask the margins of a flight of another loop; return the number of windows, of those refused, the largest error of
+    the others in half-widths, and where it is."""
     believed = nominal(name)
     log, asked, vehicle_at = flown(believed, kind, regime, seed)
     made = launchid.margins(log, asked)
@@ -317,7 +318,7 @@ def right(name: str, kind: str, regime: str, seed: int) -> tuple[int, int, float
 
 
 def another(args: argparse.Namespace) -> None:
-    """A line for each loop."""
+    """Print a line for each loop that is not the nominal's."""
     regimes = [*(("controller", each) for each in CONTROLLERS), *(("known", each) for each in CHANGE),
                *(("unknown", each) for each in CHANGE), *(("wrong", each) for each in WRONG)]
     table = Table("nominal 16", "what 10", "regime 18", "windows 7d", "refused 7d", "largest error, half-widths 6.2f",
@@ -331,8 +332,8 @@ def another(args: argparse.Namespace) -> None:
 
 
 def kept(name: str, air: str, rate: float, of_log: float, seed: int) -> tuple[int, int, int]:
-    """Of a flight in which nothing is wrong: windows that the estimator has numbers of, those refused, tests that were
-    not made; 0 of a lost vehicle."""
+    """Fly with nothing wrong; return how many windows have numbers, how many of them the tests refuse, how many tests
+    were not made; 0 of a lost vehicle."""
     believed = in_air(at_rate(nominal(name), rate), air)
     flight = fly_whole(believed, seed, period=1.0 / of_log)
     if flight.lost:
@@ -345,7 +346,7 @@ def kept(name: str, air: str, rate: float, of_log: float, seed: int) -> tuple[in
 
 
 def clean(args: argparse.Namespace) -> None:
-    """A line for each nominal, air and rates."""
+    """Print a line for each nominal, air and rates."""
     total = np.zeros(3, int)
     table = Table("nominal 16", "air 5", "controller [Hz] 4g", "log [Hz] 4g", "windows 7d", "refused 7d",
                   "tests not made 4d")
@@ -365,7 +366,7 @@ PARTS: dict[str, tuple[Callable[[argparse.Namespace], None], int]] = {
 
 
 def main() -> None:
-    """The part that is asked for."""
+    """Run the part that is asked for."""
     args = arguments(__doc__, PARTS, flights=0, seed=0)
     part, flights = PARTS[args.part]
     args.seeds = range(args.seed, args.seed + (args.flights or flights))

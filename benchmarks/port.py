@@ -37,7 +37,7 @@ TARGETS = {  # name -> compiler, flags, the exported Makefile's target
 
 
 def configs() -> dict[str, Config]:
-    """The configurations that are timed."""
+    """Return the configurations to time, by name."""
     model = onboard_model(nominal(NOMINAL))
     common = {"sample_period": 0.01, "window": 1.0}
     return {"filtered, rigid-body": Config(formulation="filtered", model=model, **common),
@@ -46,7 +46,7 @@ def configs() -> dict[str, Config]:
 
 
 def python_times(config: Config, samples: list[Sample], repeats: int) -> np.ndarray:
-    """Least time [ns] of each update."""
+    """Return the least time [ns] of each update (n,) over the repeats."""
     least = np.full(len(samples), np.inf)
     estimator = Estimator(config)
     for _ in range(repeats):
@@ -69,7 +69,7 @@ def main() -> None:
 
 
 def print_operations() -> None:
-    """Print the operations of whole updates."""
+    """Print how many operations an update takes: mean, most frequent, largest."""
     stated = [k for k, name in enumerate(COUNTED) if name != "stores"]
     names = " | ".join(COUNTED[k] for k in stated)
     samples = list(fly(nominal(NOMINAL), seed=SEED))
@@ -94,7 +94,7 @@ def print_times(repeats: int) -> None:
 
 
 def print_targets() -> None:
-    """Code, memory, stack and instructions on the targets, and whether the bits are Python's."""
+    """Print code, memory, stack and instructions on the targets, and whether the bits are Python's."""
     print("\n| target, -O2 | | bits against Python's | code and constants, state, scratch, bytes "
           "| stack of the deepest call: computed, seen | instructions an update: mean, longest |\n"
           "|---|---|---|---|---|---|")
@@ -110,7 +110,7 @@ def print_targets() -> None:
 
 
 def on_target(folder: Path, compiler: str, flags: list[str], check: str) -> list[str]:
-    """The cells of a row."""
+    """Build and run an export in `folder`; return the cells of its row."""
     stack = graph_of(folder, compiler, ["-O2", *flags]).deepest()[0]
     tool = compiler.replace("gcc", "size")
     sizes = subprocess.run([tool, "stack.o"], cwd=folder, capture_output=True, text=True, check=True).stdout

@@ -37,7 +37,7 @@ int main(void)
 
 
 def counted_source(files: dict[str, str]) -> str:
-    """One C++ source of an export: arrays of `stored`, variables of `real`, updates only."""
+    """Return an export's updates as one C++ source, its arrays of `stored`, its variables of `real`, which count."""
     header, source = files["launchid.h"], files["launchid.c"]
     memory = header.index("/* ---- memory")
     header = header[:memory] + re.sub(r"\bdouble (\w+\[)", r"stored \1", header[memory:])
@@ -64,7 +64,7 @@ def _counts(source: str, given: str) -> np.ndarray:
 
 
 def operations(config: Config, samples: list[Sample]) -> tuple[np.ndarray, np.ndarray]:
-    """Status (n,) and counts (n, 6), in the order of COUNTED, of each update."""
+    """Return status (n,) and counts of operations (n, 6), in the order of COUNTED, of each update."""
     text = "".join(" ".join(repr(float(x)) for x in sample) + "\n" for sample in samples)
     table = _counts(counted_source(c_files(config)), text)
     return table[:, 0], table[:, 1:]

@@ -1,4 +1,4 @@
-"""Stack of the deepest call of an exported estimator, over the call graph that gcc writes (-fcallgraph-info=su)."""
+"""Compute the stack of an exported estimator's deepest call from the call graph of gcc (-fcallgraph-info=su)."""
 
 import re
 import subprocess
@@ -10,8 +10,7 @@ USED = re.compile(r"(\d+) bytes \(([\w,]+)\)")
 
 
 class Graph:
-    """The graph of calls, and the stack [bytes] that each function takes; functions of other libraries take an unknown
-    one."""
+    """A call graph with the stack [bytes] of each function; of functions of other libraries it is not known."""
 
     def __init__(self, text: str) -> None:
         self.frames: dict[str, int] = {}
@@ -26,11 +25,11 @@ class Graph:
             self.calls.setdefault(caller, set()).add(called)
 
     def outside(self) -> set[str]:
-        """The functions called that are not in the file."""
+        """Return the functions called that are not in the file."""
         return {called for of in self.calls.values() for called in of if called not in self.frames}
 
     def deepest(self) -> tuple[int, list[str]]:
-        """Bytes of the deepest chain of calls, and its functions; ValueError for a function that calls itself."""
+        """Return the deepest chain of calls: its bytes, its functions; ValueError for a function that calls itself."""
         known: dict[str, tuple[int, list[str]]] = {}
 
         def below(name: str, above: tuple[str, ...]) -> tuple[int, list[str]]:
@@ -46,7 +45,7 @@ class Graph:
 
 
 def graph_of(folder: Path, compiler: str, flags: list[str]) -> Graph:
-    """The graph of the launchid.c in a folder."""
+    """Compile the launchid.c in a folder; return its call graph."""
     subprocess.run([compiler, "-std=c99", "-ffp-contract=off", "-fcallgraph-info=su", *flags, "-c", "launchid.c",
                     "-o", "stack.o"], cwd=folder, check=True, capture_output=True)
     (found,) = folder.glob("stack.ci")

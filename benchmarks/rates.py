@@ -21,7 +21,7 @@ DEMAND = 0.01
 
 
 def job(name: str, rate: float, seed: int, window: float, loop: float) -> tuple[int, int, np.ndarray, np.ndarray]:
-    """One flight: windows, MODEL, errors over standard deviations (n, 2) of the valid ones and of the tracked."""
+    """Fly once; return the number of windows, of those MODEL, errors over std (n, 2) of valid windows, of tracked."""
     believed = at_rate(nominal(name), loop or rate)
     flight = fly_whole(believed, seed, period=1.0 / rate if loop else None)
     estimates = estimates_of(flight, believed, window)

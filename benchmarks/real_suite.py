@@ -46,13 +46,13 @@ FIN_ZERO, FIN_THROW = 24900.0, 8192.0  # counts: where roll rests at the highest
 
 
 def mcar(path: Path) -> Columns:
-    """time, rate [deg/s], angle [deg], controller output, ...: a wheeled balancing robot."""
+    """Read a wheeled balancing robot's log: time, rate [deg/s], angle [deg], controller output, ...."""
     t, rate, angle, command = np.loadtxt(path, usecols=(0, 1, 2, 3), unpack=True)
     return {"t": t, "theta": np.radians(angle), "theta_dot": np.radians(rate), "beta_cmd": command}
 
 
 def tail_sitter(path: Path) -> Columns:
-    """Roll of a hovering tail-sitter: attitude by motion capture, actuator control without unit."""
+    """Read the roll of a hovering tail-sitter: attitude by motion capture, actuator control without unit."""
     from scipy.io import loadmat
     flight = loadmat(path)
     return {"t": flight["time"].ravel(), "theta": flight["local_attitude"][:, 0],
@@ -60,7 +60,7 @@ def tail_sitter(path: Path) -> Columns:
 
 
 def hobby_rocket(path: Path) -> Columns:
-    """Thrust-vectored rocket: the gyro's axes lie 45 degrees from the nozzle's (our reading), commands in degrees."""
+    """Read a thrust-vectored rocket: gyro's axes 45 degrees from the nozzle's (our reading), commands in degrees."""
     table = np.genfromtxt(path, delimiter=",", skip_header=1)
     t = 1e-3 * (table[:, 0] - table[0, 0])
     burns = (t >= BURN[0]) & (t <= BURN[1])
@@ -69,13 +69,13 @@ def hobby_rocket(path: Path) -> Columns:
 
 
 def aeropendulum(path: Path) -> Columns:
-    """tempo_ms, angulo_deg, u_pct: 0 is hanging down."""
+    """Read an aeropendulum's log tempo_ms, angulo_deg, u_pct: 0 is hanging down."""
     table = np.genfromtxt(path, delimiter=",", skip_header=1)
     return {"t": 1e-3 * table[:, 0], "theta": np.radians(table[:, 1]), "beta_cmd": table[:, 2] / 100.0}
 
 
 def sounding_rocket(path: Path) -> Columns:
-    """time, accelerometer, roll gyro, fin servo's command [counts]."""
+    """Read a sounding rocket's roll: time, accelerometer, roll gyro, fin servo's command [counts]."""
     t, gyro, fin = np.loadtxt(path, delimiter=",", usecols=(0, 2, 3), unpack=True)
     coasts = (t >= COAST[0]) & (t <= COAST[1])
     return {"t": t[coasts] - COAST[0], "theta_dot": GYRO_SCALE * (gyro[coasts] - GYRO_ZERO),
@@ -95,7 +95,7 @@ SOURCES: dict[str, tuple[str, str, Callable[[Path], Columns]]] = {  # log: repos
 
 
 def convert(raw: Path, out: Path) -> None:
-    """Write the logs whose files are there."""
+    """Write the logs whose raw files are there as CSV; print where to get the others."""
     for name, (source, file, reader) in SOURCES.items():
         if not (raw / file).is_file():
             print(f"{name}: {file} is not there; fetch it from {source}")
@@ -106,8 +106,8 @@ def convert(raw: Path, out: Path) -> None:
 
 
 def regression(log: Log, angle: str) -> tuple[float, dict[str, list[float]]]:
-    """R2 of the left-out rows at the best low pass and delay, and the range of a6 and k1 over the low passes that
-    predict; nothing of the project but the columns."""
+    """Return the R2 of left-out rows at the best low pass and delay, and {a6, k1: [low, high]} over the low passes that
+    predict; it uses nothing of the project but the columns."""
     t, step = log.t, float(np.median(np.diff(log.t)))
     good = np.isfinite(t) & np.isfinite(log.beta) & np.isfinite(log.theta)
     if np.count_nonzero(good) < 100:
@@ -143,7 +143,7 @@ def regression(log: Log, angle: str) -> tuple[float, dict[str, list[float]]]:
 
 
 def windows(log: Log, library: str | None, window: float | str) -> list[dict[str, Any]]:
-    """identify's windows without a nominal, with the library that it advises where none is OK; of a refusal one."""
+    """Return windows of `identify` without a nominal, by the library it advises if none is OK; one if it refuses."""
     try:
         said = identify(log, window=window, library=library).report
         advised = re.search(r"--library (\S+?);?(\s|$)", said.get("next", ""))
@@ -156,7 +156,7 @@ def windows(log: Log, library: str | None, window: float | str) -> list[dict[str
 
 def distances(window: dict[str, Any], terms: dict[str, str],
               known: dict[str, list[float]]) -> Iterator[tuple[float, float]]:
-    """(deviations, share) that each number of a window is from what is known."""
+    """Yield how far each number of a window is from the known range: (standard deviations, share of the known size)."""
     for name, (low, high) in known.items():
         size, std = window["terms"].get(terms[name]), window["terms_std"].get(terms[name])
         if size is not None and std:
@@ -165,7 +165,7 @@ def distances(window: dict[str, Any], terms: dict[str, str],
 
 
 def with_input(log: Log) -> Log:
-    """The log; its command as beta where there is no nozzle."""
+    """Return the log, its command as beta if no nozzle is measured."""
     if np.isfinite(log.beta).any():
         return log
     columns = tuple("beta" if name == "beta_cmd" else name for name in log.columns)
@@ -173,7 +173,7 @@ def with_input(log: Log) -> Log:
 
 
 def logs(folder: Path, judge: bool) -> Iterator[tuple[str, Log, dict[str, Any], float | None]]:
-    """Name, log, what the set asks and knows of it, the shift of its placebo; then the other logs of the folder."""
+    """Yield name, log, what the set knows of it, and its placebo's shift (None), of the set's logs and the folder's."""
     cases = read_set()[0]
     of_set = {case.source[1]: case for case in cases if case.kind == "measured" and case.source[0] == "log"}
     shifts = {case.source[1]: case.options["shift"] for case in cases if case.kind == "placebo"}

@@ -29,8 +29,8 @@ MOST_LOST = {"k1-loss": 0.5}  # share of legacy's losses in severe turbulence; 1
 
 
 def job(name: str, scenario: str, seed: int, air: str) -> tuple[float, float, float, float, float]:
-    """One flight: lost with legacy, with new gains and with those of the true a6 and k1 (NaN in calm air); errors of
-    the first two [rad]."""
+    """Fly one vehicle; return whether it is lost with legacy gains, new gains, gains of the true a6 and k1 (NaN in calm
+    air), and rms attitude errors [rad] of the first two."""
     believed, drawn = nominal(name), draw_jobs(name, scenario, [seed])[0]
     knowing = np.nan
     if air == "wind":

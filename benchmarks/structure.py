@@ -19,7 +19,7 @@ START = 10.0  # s
 
 
 def job(name: str, seed: int, factor: float) -> np.ndarray:
-    """Rows: exact support, false term claimed, for each window after START."""
+    """Fly once; return (windows, 2) after START: whether the support is exact, whether a false term is claimed."""
     believed = nominal(name)
     deviation, _ = draw(seed, 0.25, False)
     flight = fly_whole(with_noise(believed, np.full(FACTORS, factor)), seed, a6_factor=1.0 + deviation[0],

@@ -20,7 +20,7 @@ COMMAND = re.compile(r"(?:[A-Z_]+=\S+ )?python benchmarks/(?!tables)[^`#\n]+")
 
 
 class Section(NamedTuple):
-    """One section of the page: its heading, its text, the commands of benchmarks in it."""
+    """A section of the page: its heading, its text, the commands of benchmarks in it."""
 
     heading: str
     text: str
@@ -28,14 +28,14 @@ class Section(NamedTuple):
 
 
 def sections(page: str) -> list[Section]:
-    """The sections of a page that name a benchmark's command."""
+    """Return the sections of a page that name a benchmark's command."""
     parts = re.split(r"^#+ (.+)$", page, flags=re.MULTILINE)
     made = [Section(heading, text, commands_of(text)) for heading, text in zip(parts[1::2], parts[2::2], strict=True)]
     return [section for section in made if section.commands]
 
 
 def commands_of(text: str) -> list[str]:
-    """The benchmarks' commands of a text, in blocks and between backticks, each once."""
+    """Return the benchmarks' commands of a text, in blocks and between backticks, each once."""
     prose = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
     spans = [" ".join(span.split()) for span in re.findall(r"`([^`]+)`", prose)]
     lines = [line for block in re.findall(r"```sh\n(.*?)```", text, flags=re.DOTALL) for line in block.splitlines()]
@@ -43,12 +43,12 @@ def commands_of(text: str) -> list[str]:
 
 
 def file_name(command: str) -> str:
-    """A file's name for a command: its words, joined."""
+    """Return the file name for a command: its words, joined."""
     return re.sub(r"[^\w.=-]+", "_", command.split("benchmarks/", 1)[1]) + ".txt"
 
 
 def run(command: str, out: Path) -> bool:
-    """Run one command from the project's folder and keep what it prints; whether it ended well."""
+    """Run one command from the project's folder, write what it prints to `out`; return whether it ended well."""
     from launchid_core import __version__
     words = command.replace("python ", f"{sys.executable} ", 1)
     print(f"+ {command}", file=sys.stderr, flush=True)
@@ -61,7 +61,7 @@ def run(command: str, out: Path) -> bool:
 
 
 def main() -> int:
-    """Run what the words choose; the exit status."""
+    """Run the commands that hold a given word, or list all; return the exit status."""
     parser = argparse.ArgumentParser(description="Run the commands of docs/results.md and keep what they print.")
     parser.add_argument("words", nargs="*", metavar="WORD", help="run the commands with it (default: list them all)")
     parser.add_argument("--out", type=Path, default=Path("tables"), help="keep the output here (default %(default)s)")

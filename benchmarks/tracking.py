@@ -44,7 +44,7 @@ NO_WIND = 1.0e-7     # rad/sqrt(s): a wind whose first value alone is unknown
 
 
 def vehicle(seed: int, kind: str) -> dict[str, object]:
-    """Factors of a6 and k1 of one flight."""
+    """Draw one flight's factors of a6 and k1, as arguments of `fly_whole`."""
     rng = np.random.default_rng((411, seed))
     if kind == "constant":
         deviation = rng.uniform(-SPREAD, SPREAD, 2)
@@ -58,7 +58,7 @@ def vehicle(seed: int, kind: str) -> dict[str, object]:
 
 
 def job(name: str, seed: int, kind: str) -> np.ndarray:
-    """Rows: t_end, of the tracked what `relative` gives and whether it is valid, the same of the window."""
+    """Fly once; return rows t_end [s], then `relative` (4) and valid of the tracked estimate, and of the window's."""
     believed = nominal(name)
     factors = vehicle(seed, kind)
     flight = fly_whole(believed, seed, **factors)
@@ -70,8 +70,8 @@ def job(name: str, seed: int, kind: str) -> np.ndarray:
 
 
 def prepared_job(name: str, seed: int) -> list[np.ndarray]:
-    """One flight in calm air, nothing and wind and offsets declared: what `relative` gives of the tracked estimates
-    after SETTLED."""
+    """Fly once in calm air; return `relative` (n, 4) of the tracked estimates after SETTLED, with nothing declared, and
+    with wind and offsets declared."""
     calm = nominal(name)
     factors = vehicle(seed, "constant")
     flight = fly_whole(calm, seed, **factors)
@@ -85,8 +85,8 @@ def prepared_job(name: str, seed: int) -> list[np.ndarray]:
 
 
 def bound_so_far(calm: Nominal, declared: Nominal, flight: Flight, factors: dict[str, object], t: float) -> np.ndarray:
-    """Standard deviations (2,) of the best estimate of all data to t [s] of a flight in calm air, what `declared` says
-    of the world being unknown, the deviations uniform in SPREAD."""
+    """Return the least std (2,) of relative a6, k1 from all data to t [s] in calm air: the wind and offsets of
+    `declared` unknown, deviations uniform within SPREAD."""
     middle = parameters(calm, flight.t + 0.5 * flight.period, **factors)
     information = np.zeros((1, 6, 6))
     window_information(flight.t, np.column_stack([flight.theta, flight.theta_dot, flight.beta]),
@@ -98,7 +98,7 @@ def bound_so_far(calm: Nominal, declared: Nominal, flight: Flight, factors: dict
 
 
 def bound_job(name: str, seed: int) -> np.ndarray:
-    """Squared bounds (2, 2) at BOUND_TIMES, summed: nothing unknown and offsets and first wind; of a6, k1."""
+    """Return squared bounds (2, 2) of a6, k1 summed over BOUND_TIMES: nothing unknown; offsets, first wind unknown."""
     calm = nominal(name)
     still = dataclasses.replace(calm, wind=dataclasses.replace(WIND, walk=NO_WIND, turbulence=0.0), offsets=OFFSETS)
     factors = vehicle(seed, "constant")
@@ -108,7 +108,7 @@ def bound_job(name: str, seed: int) -> np.ndarray:
 
 
 def prepared(args: argparse.Namespace) -> Table:
-    """The table of what being prepared costs."""
+    """Print and return the table of what being prepared for wind costs."""
     table = Table("nominal 16", "of 3", "calm RMS 8.2%", "prepared 8.2%", "ratio 6.2f", "of the bounds 6.2f",
                   "covers 6.3f", "of 6d")
     for name in args.nominal:
@@ -124,7 +124,7 @@ def prepared(args: argparse.Namespace) -> Table:
 
 
 def tracked(args: argparse.Namespace) -> Table:
-    """The table of what the tracked estimate is worth, beside the windows'."""
+    """Print and return the table of the tracked estimate's errors and coverage, compared with the windows'."""
     table = Table("nominal 16", "deviation 9", "of 3", "tracked RMS 7.2%", "window's 7.2%", "ratio 6.2f",
                   "covers 6.3f", "window's 6.3f", "valid 6.3f")
     for name in args.nominal:

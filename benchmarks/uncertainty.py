@@ -32,7 +32,7 @@ DELTA, STD, BAND, IN_RANGE = range(4)
 
 
 def table(name: str, seed: int, delta: tuple[float, float], duration: float | None) -> np.ndarray:
-    """Rows: t_end, then DELTA..IN_RANGE of a6 and of k1."""
+    """Fly once with `delta`; return rows: t_end [s], then DELTA..IN_RANGE of a6 and of k1."""
     believed = nominal(name)
     flown = believed
     if duration is not None:
@@ -49,13 +49,13 @@ def table(name: str, seed: int, delta: tuple[float, float], duration: float | No
 
 
 def inside(name: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """delta drawn, and the flight's table."""
+    """Fly with a random delta in the range; return delta (2,) and the flight's table."""
     delta = np.random.default_rng((733, seed)).uniform(-1.0, 1.0, 2)
     return delta, table(name, seed, (float(delta[0]), float(delta[1])), None)
 
 
 def outside(name: str, seed: int) -> float:
-    """Time [s] at which the parameter that is out was found; inf if not."""
+    """Fly with one parameter out of its range; return when [s] that was found, inf if never."""
     p, sign = seed % 2, 1.0 - 2.0 * (seed // 2 % 2)
     rows = table(name, seed, (FAR * sign * (p == 0), FAR * sign * (p == 1)), OUT_DURATION)
     raised = rows[rows[:, 1 + 4 * p + IN_RANGE] == 0, 0]
@@ -63,7 +63,7 @@ def outside(name: str, seed: int) -> float:
 
 
 def judge_inside(table: Table, name: str, results: list[tuple[np.ndarray, np.ndarray]]) -> None:
-    """The rows of one nominal: of a6, of k1, and the flights with a false alarm of either."""
+    """Print the rows of one nominal: of a6, of k1, and the flights with a false alarm of either."""
     for p, label in enumerate(("a6", "k1")):
         first = 1 + 4 * p
         rows = np.concatenate([np.column_stack([t, np.full(len(t), d[p])])[t[:, 0] > START] for d, t in results])
