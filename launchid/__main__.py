@@ -1,4 +1,4 @@
-"""The command `launchid` as a process: it says when it has to compile, and can be interrupted from its first moment."""
+"""The command `launchid` as a process: it announces compilation, and can be interrupted from its first moment."""
 
 import os
 import signal
@@ -11,13 +11,13 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_N
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
-    """Leave while modules are imported: an exception there may be caught, or printed, by whoever imports."""
+    """End the process on Ctrl-C while modules are imported: an exception there may be caught by an importer."""
     os.write(2, f"{INTERRUPTED}\n".encode())
     os._exit(INTERRUPTED_STATUS)
 
 
 def command() -> int:
-    """The console script."""
+    """Run `launchid` as the console script (numpy on one thread, output in UTF-8); return the exit status."""
     ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # else it is ignored, as under nohup
     if ours:
         signal.signal(signal.SIGINT, _leave)

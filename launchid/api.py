@@ -1,4 +1,4 @@
-"""The functions of the package `launchid`: those of the commands, for a caller from Python."""
+"""Public functions of the package `launchid`: those of the commands, for callers from Python."""
 
 from sim.errors import InputError, UsageError
 from sim.sections import Nominal

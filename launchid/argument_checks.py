@@ -1,4 +1,4 @@
-"""Parameters as Python hands them over, held to what the command's words would be: UsageError in one line, never a
+"""Check arguments of functions called from Python as the command line checks its words: UsageError in one line, never a
 TypeError out of the depths."""
 
 import math
@@ -13,7 +13,7 @@ DEFAULT_WINDOW = 5.0
 
 
 def integer(name: str, value: Any, least: int) -> int:
-    """A whole number of at least `least`."""
+    """Return `value` as an int; UsageError, which names it `name`, unless it is an integer of at least `least`."""
     try:
         number = operator.index(value)
     except TypeError:
@@ -24,7 +24,7 @@ def integer(name: str, value: Any, least: int) -> int:
 
 
 def real(name: str, value: Any, expected: str = "a number") -> float:
-    """A finite number; what range it must be of is the asker's."""
+    """Return `value` as a finite float, of any range; else UsageError, which says `name` and what was expected."""
     try:
         number = math.nan if isinstance(value, (str, bytes)) else float(value)
     except (TypeError, ValueError, OverflowError):
@@ -35,7 +35,7 @@ def real(name: str, value: Any, expected: str = "a number") -> float:
 
 
 def word(name: str, value: Any, words: Sequence[str]) -> str:
-    """One of these words."""
+    """Return `value` if it is one of the words; else UsageError, which names it `name`."""
     for each in words:
         if isinstance(value, str) and value == each:
             return each
@@ -43,12 +43,12 @@ def word(name: str, value: Any, words: Sequence[str]) -> str:
 
 
 def several(name: str, value: Any, expected: str) -> list[Any]:
-    """A list of things, not one of them: a text or a mapping would fall into its letters or names."""
+    """Return an iterable as a list; UsageError for a text, mapping or data frame, which would fall into its parts."""
     if isinstance(value, (str, bytes, dict)) or hasattr(value, "columns") or not isinstance(value, Iterable):
         raise UsageError(f"{name} {_said(value)}: expected {expected}")
     return list(value)
 
 
 def _said(value: Any) -> str:
-    """A number or a text as it is, of anything else what it is."""
+    """Return a number or text as Python writes it, for anything else the name of its type."""
     return repr(value) if value is None or isinstance(value, (bool, int, float, str)) else type(value).__name__

@@ -1,9 +1,9 @@
-"""The nominal's controller over a log's own columns: would it have issued the commands that the log holds?
+"""Replay the nominal's controller over a log's own columns: would it have issued the commands that the log holds?
 
 The log holds what the controller saw, theta (law `attitude`) or theta_dot (law `rate`) and its reference, so each
-command can be computed again, by the simulator's own law.  What the controller remembered when the log, or what follows
-missing rows, began is not known.  Without filters that is one number, the pseudo-derivative or the integral, and the
-first logged command gives it; with filters it is waited for until it is forgotten.
+command can be computed again, by the simulator's own law.  The controller's state when the log begins, or after missing
+rows, is not known.  Without filters it is one number, the pseudo-derivative or the integral, and the first logged
+command gives it; with filters the replay waits until it has faded.
 
 The rows must be at the controller's periods, one or several a period; a slower log lacks errors.
 """
@@ -39,13 +39,13 @@ KP, KD, LAW_TIME_CONSTANT, LAW_PERIOD, LIMIT, KI, RATE_LAW = range(7)
 
 @kernel
 def run_controller(constants, filters, error, excitation, logged, computed, answers):
-    """The controller over errors, one a period; one that is not known is a gap, behind which it begins anew.
+    """Run the controller over errors, one a period; after an error that is not known it begins anew.
 
     constants (7,)           in     of the law, KP to RATE_LAW
     filters (s,) SECTION     inout  of the controller
     error (ticks,)           in     [rad] or [rad/s], NaN where not known
     excitation (ticks,)      in     [rad] test input
-    logged (ticks,)          in     [rad] commands that tell what is remembered where it begins; (0,): nothing is
+    logged (ticks,)          in     [rad] commands that give its state where it begins; (0,): it begins at 0
     computed (ticks,)        out    [rad] commands, before the computing time, NaN where it has no error
     answers (ticks,) int64   out    periods since it began, -1 where it has not
     """
@@ -85,7 +85,7 @@ def run_controller(constants, filters, error, excitation, logged, computed, answ
 
 
 def constants_of(nominal: Nominal) -> np.ndarray:
-    """The constants (7,) of `run_controller`, with what the nominal's effects make of the gains."""
+    """Return the constants (7,) of `run_controller` (KP to RATE_LAW), gains scaled by the nominal's effects."""
     c, on_board = nominal.controller, packed(nominal)
     assert c is not None
     limit = nominal.actuator.deflection_limit if nominal.actuator is not None else math.inf
@@ -94,8 +94,8 @@ def constants_of(nominal: Nominal) -> np.ndarray:
 
 
 def later(x: np.ndarray, lag: float) -> np.ndarray:
-    """Commands x (periods,) issued when computing takes `lag` periods: the mean over a period, as the effect's
-    (`sim.effects.controller`); before the first the command was 0."""
+    """Return commands x (periods,) delayed by `lag` periods of computing time, 0 before the first; a fractional lag
+    gives the mean over a period, as in the effect (`sim.effects.controller`)."""
     whole, part = int(lag), lag - int(lag)
     shifted = [x if by == 0 else np.concatenate([np.zeros(min(by, len(x))), x[:-by]]) for by in (whole, whole + 1)]
     return shifted[0] if part == 0.0 else (1.0 - part) * shifted[0] + part * shifted[1]
@@ -103,11 +103,11 @@ def later(x: np.ndarray, lag: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The gains and computing time that explain commands best.
+    """Gains and computing time that explain logged commands best.
 
-    gains, std     (2,) kp and kd [s], of the law `rate` kp and ki; (3,) standard deviations, of the delay too, as if
-                   what is left were white
-    delay          [s] of computing time beside the nominal's
+    gains, std     (2,) kp and kd [s], of the law `rate` kp and ki; (3,) standard deviations, of the delay too, if the
+                   rest is white
+    delay          [s] of computing time beyond the nominal's
     before, after  [rad] rms of logged less computed command, with the nominal's gains and with these
     """
 
@@ -120,12 +120,13 @@ class Explanation:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """The nominal's controller over a log, arrays (ticks,), one entry a period of the controller.
+    """The nominal's controller over a log; arrays (ticks,), one entry a period of the controller.
 
     t           [s];  error [rad] or [rad/s] as the controller saw it;  excitation [rad] of the test input
-    logged      [rad] commands;  computed [rad] the nominal controller's;  misfit [rad] the difference, or, if it is
-                larger, that of the commands in rows of one period; NaN where there is none, or both are at the limit
-    tolerance   [rad] rms of a misfit that is none: [diagnosis] command, and what the rounding of the columns makes
+    logged      [rad] commands;  computed: [rad] commands of the nominal's controller
+    misfit      [rad] logged less computed or, if larger, the spread of the commands in a period's rows; NaN where one
+                is missing, or both are at the limit
+    tolerance   [rad] rms misfit that is still agreement: [diagnosis] command, and the rounding of the columns
     """
 
     nominal: Nominal
@@ -138,12 +139,12 @@ class Replay:
     tolerance: float
 
     def judged(self, t_start: float, t_end: float) -> np.ndarray:
-        """(ticks,) bool: those from t_start to t_end [s] whose command follows."""
+        """Return (ticks,) bool: those from t_start to t_end [s] whose misfit is known."""
         return np.isfinite(self.misfit) & (self.t >= t_start) & (self.t < t_end)
 
     def contradicts(self, ticks: np.ndarray) -> bool:
-        """Whether the commands of these ticks (ticks,) bool are another controller's: further off than the tolerance,
-        or off as other gains are."""
+        """Whether the commands of these ticks (ticks,) bool are another controller's: their rms misfit is above the
+        tolerance, or other gains explain it."""
         off = rms(self.misfit[ticks])
         if off > self.tolerance:
             return True
@@ -155,10 +156,9 @@ class Replay:
         """Return the gains and computing time that explain the commands of these ticks (ticks,) bool best: a command is
         linear in the gains.
 
-        lags [periods] of computing time are tried; None: whole ones up to MOST_COMPUTING_PERIODS, and then parts of
-        one.  What the
-        controller remembered where a stretch of known errors begins (of the law `rate`: of commands below the limit,
-        which holds the integral) fades as its own memory does, and is taken off.
+        lags: [periods] of computing time that are tried; None: whole ones up to MOST_COMPUTING_PERIODS, then fractions.
+        The controller's state where a stretch of known errors begins (of the law `rate`: of commands below the limit,
+        which holds the integral) fades at the controller's own rate, and is fitted and removed.
         """
         constants, rows = constants_of(self.nominal), np.arange(len(self.error))
         is_rate, gains_at = constants[RATE_LAW] != 0.0, _gains_at(self.nominal)
@@ -206,7 +206,7 @@ class Replay:
         return Explanation(x[:2], np.append(std[:2], late), lag * constants[LAW_PERIOD], before, after)
 
     def words(self, found: Explanation) -> str:
-        """What would explain the commands, or that nothing does."""
+        """Return one sentence: which gains and delay would explain the commands, or that none do."""
         constants = constants_of(self.nominal)
         names, late = ("kp", "ki") if constants[RATE_LAW] else ("kp", "kd"), found.delay / constants[LAW_PERIOD]
         said = ", ".join(f"{name} {gain:.4g}" for name, gain in zip(names, found.gains, strict=True))
@@ -217,7 +217,7 @@ class Replay:
 
 
 def lowest(cost: Callable[[float], float], low: float, high: float, steps: int) -> float:
-    """The place where a cost with one minimum between low and high is least, by golden section."""
+    """Return x at which a cost with one minimum between low and high is least, by `steps` of a golden section."""
     for _ in range(steps):
         left, right = low + 0.382 * (high - low), low + 0.618 * (high - low)
         low, high = (low, right) if cost(left) < cost(right) else (left, high)
@@ -225,26 +225,26 @@ def lowest(cost: Callable[[float], float], low: float, high: float, steps: int) 
 
 
 def rms(x: np.ndarray) -> float:
-    """Root mean square; 0 of none."""
+    """Return the root mean square of x (n,); 0 if n is 0."""
     return float(np.sqrt(np.mean(x**2))) if len(x) else 0.0
 
 
 def _gains_at(nominal: Nominal) -> list[int]:
-    """The places of the law's two gains among its constants."""
+    """Return the indices of the law's two gains among its constants."""
     return [KP, KI] if nominal.controller is not None and nominal.controller.is_rate_law else [KP, KD]
 
 
 def issued(nominal: Nominal, constants: np.ndarray, error: np.ndarray, test: np.ndarray,
            logged: np.ndarray = NO_COMMANDS, is_late: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    """(commands (ticks,) [rad], periods (ticks,) since the controller began), as of `run_controller`; is_late: issued
-    after the computing time of the nominal's effects."""
+    """Return (commands (ticks,) [rad], periods (ticks,) since the controller began) of `run_controller`; is_late:
+    commands delayed by the computing time of the nominal's effects."""
     computed, answers = np.empty(len(error)), np.empty(len(error), np.int64)
     run_controller(constants, sections(nominal), error, test, logged, computed, answers)
     return later(computed, packed(nominal).computing_time / constants[LAW_PERIOD]) if is_late else computed, answers
 
 
 def _wait(nominal: Nominal) -> int:
-    """Periods until the controller has forgotten what was before; more than any log has where it never does."""
+    """Return the periods until the controller's state has faded to MEMORY_LEFT; 2**31 if it never does."""
     c = nominal.controller
     assert c is not None
     poles = [0.0] if c.is_rate_law else [c.derivative_time_constant / (c.derivative_time_constant + c.period)]
@@ -253,8 +253,8 @@ def _wait(nominal: Nominal) -> int:
 
 
 def resolution(x: np.ndarray) -> float:
-    """The power of ten that the values of a column are multiples of, as rounded ones are; 0 if there is none, or few
-    values."""
+    """Return the power of ten (up to 0.1) that all values of a column are multiples of, as rounding leaves them; 0 if
+    there is none, or values are few."""
     x = np.unique(x[np.isfinite(x)])
     for decimals in range(1, MOST_DECIMALS + 1) if len(x) > MIN_COMMANDS else ():
         if np.all(np.abs(x * 10.0**decimals - np.rint(x * 10.0**decimals)) < 1e-4):
@@ -263,7 +263,7 @@ def resolution(x: np.ndarray) -> float:
 
 
 def replay(log: Log, nominal: Nominal) -> Replay | str:
-    """The nominal's controller over a log, or in words why it cannot be replayed."""
+    """Replay the nominal's controller over a log; return one sentence instead if it cannot be replayed."""
     own = nominal.controller
     if own is None:
         return "the nominal has no [controller]"
@@ -292,8 +292,8 @@ def replay(log: Log, nominal: Nominal) -> Replay | str:
 
 def replayed(nominal: Nominal, t_first: float, step: float, held: int, logged: np.ndarray, seen: np.ndarray,
              reference: np.ndarray) -> Replay | str:
-    """The replay over columns (rows,) on the controller's own grid: rows a `step` [s] apart from t_first [s] on, `held`
-    of them a period; logged [rad] commands, what the controller saw and its reference, NaN where not known."""
+    """Replay as `replay`, over columns (rows,) on a grid of rows a `step` [s] apart from t_first [s] on, `held` of them
+    a period: logged [rad] commands, `seen` by the controller, its `reference`; NaN where not known."""
     own, sensors, constants = nominal.controller, nominal.sensors, constants_of(nominal)
     assert own is not None
     is_waiting = len(own.filters) > 0 or packed(nominal).computing_time > 0.0

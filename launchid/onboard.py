@@ -1,4 +1,4 @@
-"""The filtered formulation's model, from a nominal."""
+"""Make the model of the filtered formulation (`launchid_core.Model`) from a nominal."""
 
 import math
 from typing import Any
@@ -24,14 +24,14 @@ KNOWN_IN_TIME = ("steady_wind", "gust", "control_loss")
 
 
 def onboard_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
-    """The filtered formulation's model, from a nominal's [vehicle], [actuator], [sensors], [controller],
+    """Return the filtered formulation's model, from a nominal's [vehicle], [actuator], [sensors], [controller],
     [simulation], [wind], [offsets], [drift] and [[effects]].
 
     period, path  [s] of the samples that it is for, and where they are from: InputError if they are too slow
 
-    Without [controller] the noises of command and acceleration are one draw per sensor period.
-    Quantisation of a sensor adds step^2/12 to its variance.  A noise declared 0 becomes 1e-9 of its unit, so that the
-    filter stays regular.  InputError naming the effect that it cannot hold.
+    Without [controller] the noises of command and acceleration are one draw per sensor period. Quantisation of a sensor
+    adds step^2/12 to its variance.  A noise declared 0 becomes 1e-9 of its unit, so that the filter stays regular.
+    InputError for an effect or [vehicle.terms] that the model cannot hold.
     """
     nominal.require("actuator", "simulation")
     noise_period = nominal.controller.period if nominal.controller is not None else nominal.sensors.period
@@ -68,7 +68,7 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
 
 
 def _nodes(nominal: Nominal) -> np.ndarray:
-    """Times of the profile's nodes [s], those of its jumps among them."""
+    """Return times [s] of the profile's nodes, with those of sudden losses of control."""
     jumps = [float(values(each)["time"]) for each in nominal.effects if each.name == "control_loss"]
     if not jumps:
         return nominal.vehicle.t
@@ -76,7 +76,7 @@ def _nodes(nominal: Nominal) -> np.ndarray:
 
 
 def _servo(nominal: Nominal, actuator: Actuator) -> dict[str, Any]:
-    """The actuator with the delays and bandwidths that the nominal knows of."""
+    """Return the servo's fields of `Model`, with the delays and bandwidths of the nominal's effects."""
     delay = sum(float(values(effect)["delay"]) for effect in nominal.effects if effect.name == "actuator_delay")
     bandwidth = math.prod(float(values(effect)["scale"]) for effect in nominal.effects
                           if effect.name == "actuator_bandwidth")
@@ -86,7 +86,7 @@ def _servo(nominal: Nominal, actuator: Actuator) -> dict[str, Any]:
 
 
 def _known(nominal: Nominal) -> dict[str, Any]:
-    """Constants that the nominal's effects fix."""
+    """Return the fields of `Model` for constant offsets and scales that the nominal's effects fix."""
     known = {"known_lean": 0.0, "known_theta": 0.0, "known_theta_dot": 0.0, "known_beta": 0.0, "gyro_scale": 1.0,
              "command_gain": 1.0, "command_offset": 0.0, "known_damping": 0.0}
     added = {"attitude_bias": "known_theta", "nozzle_sensor_bias": "known_beta", "thrust_misalignment": "known_lean",
@@ -111,7 +111,7 @@ def _known(nominal: Nominal) -> dict[str, Any]:
 
 
 def _air(nominal: Nominal) -> dict[str, Any]:
-    """The arguments of `Model` that say what is known of wind and drift beforehand."""
+    """Return the fields of `Model` for wind and drift that are known beforehand."""
     fields: dict[str, tuple[float, ...]] = {}
     forecasts = [] if nominal.wind is None or nominal.wind.profile is None else [nominal.wind.profile]
     winds = [values(effect) for effect in nominal.effects if effect.name in ("steady_wind", "gust")]
@@ -130,7 +130,7 @@ def _air(nominal: Nominal) -> dict[str, Any]:
 
 
 def _blown(blow: dict[str, float], t: np.ndarray) -> np.ndarray:
-    """Wind angle [rad] at t [s] of a gust, or of a steady wind."""
+    """Return the wind angle (n,) [rad] at t (n,) [s] of a gust (with a time) or of a steady wind."""
     if "time" not in blow:
         return np.full(len(t), blow["angle"])
     phase = (t - blow["time"]) / blow["duration"]
@@ -138,7 +138,7 @@ def _blown(blow: dict[str, float], t: np.ndarray) -> np.ndarray:
 
 
 def _unknown(nominal: Nominal) -> dict[str, Any]:
-    """Levels of what nobody knows before the flight.  An angle of attack measured in the air holds the wind."""
+    """Return the fields of `Model` for levels of unknown wind and offsets; alpha measured in air holds the wind."""
     levels: dict[str, float] = {}
     if nominal.wind is not None and nominal.sensors.alpha_source == "inertial":
         wind = nominal.wind

@@ -1,4 +1,4 @@
-"""Objects that may stand for a log or a nominal, and how a warning reaches the caller."""
+"""Make logs and nominals from what a caller in Python gives for them, and pass warnings on to that caller."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 
 class DataWarning(UserWarning):
-    """A warning that a command prints on stderr: of units, signs and stamps, or of a nominal that ends early."""
+    """Warning that a command prints on stderr: about units, signs and stamps, or a nominal that ends early."""
 
 
 @runtime_checkable
 class Frame(Protocol):
-    """A data frame of any library."""
+    """Protocol of a data frame of any library: `columns`, and a column by its name."""
 
     @property
     def columns(self) -> Any: ...
@@ -39,7 +39,7 @@ class Frame(Protocol):
 
 @runtime_checkable
 class WithLog(Protocol):
-    """A result that holds a log, as a flight does."""
+    """Protocol of a result that has a log as `log`, such as a flight."""
 
     @property
     def log(self) -> Log: ...
@@ -55,10 +55,10 @@ RENAMED_OPTIONS = {"effect": "effects"}  # of options whose parameter has anothe
 
 def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
              map: str | os.PathLike[str] | None = None) -> Log:
-    """A log of whatever may stand for one.
+    """Return a log from a path, data frame, mapping of arrays, log, or result that has one.
 
-    required  columns without which it cannot be used
-    map       MAP.toml, of a path to a ULog, MCAP, MAT, HDF5, Parquet or other CSV file
+    required  columns that it must have, else InputError
+    map       MAP.toml for a path to a ULog, MCAP, MAT, HDF5, Parquet or other CSV file
     """
     if map is not None:
         from launchid.commands.convert import convert
@@ -77,12 +77,12 @@ def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
 
 
 def each_of(logs: Sequence[LogSource]) -> list[LogSource]:
-    """Logs, one a flight; UsageError for one alone, which would fall into its letters or columns."""
+    """Return a list of logs, one a flight; UsageError for one log alone, which would fall into letters or columns."""
     return several("logs", logs, "a list of logs, one a flight")
 
 
 def load_nominal(source: NominalSource) -> Nominal:
-    """A nominal by its path, by the name of a built-in one, or as it is."""
+    """Return a nominal from a path, a built-in name or a Nominal; else InputError.  DataWarning for wrong feedback."""
     if isinstance(source, Nominal):
         return source
     if not isinstance(source, (str, os.PathLike)):
@@ -95,15 +95,15 @@ def load_nominal(source: NominalSource) -> Nominal:
 
 
 def warned(answer: Made) -> Made:
-    """The same, its warnings given to the caller of the package's function."""
+    """Return the result after issuing each of its warnings as a DataWarning to the caller of the public function."""
     for line in answer.warnings:
         warnings.warn(line, DataWarning, stacklevel=3)
     return answer
 
 
 def from_python(function: Callable[Asked, Made]) -> Callable[Asked, Made]:
-    """A function of the package: warnings are its caller's, and what it refuses has a parameter's name, not that of the
-    command's option."""
+    """Return a command's function for callers from Python: its warnings become DataWarnings, and its UsageErrors name
+    parameters in place of the command's options."""
     @functools.wraps(function)
     def asked(*given: Asked.args, **named: Asked.kwargs) -> Made:
         try:

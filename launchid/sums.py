@@ -1,4 +1,4 @@
-"""Sums of products along the rows of a log, in one order on every machine.
+"""Sums of products along the rows of a log, added in one order on every machine.
 
 The linear algebra behind numpy (`@`, `np.linalg`) splits long sums among its threads, so that their last digits depend
 on how many it has; what is chosen by comparing them then differs too.  `np.einsum` runs in this thread alone.  What is
@@ -12,32 +12,32 @@ DEPENDENT = 1e-13    # of a column's length: what is left of it beside the other
 
 
 def square(x: np.ndarray) -> float:
-    """|x|^2 of a vector (n,)."""
+    """Return x' x, the squared length of a vector (n,)."""
     return inner(x, x)
 
 
 def inner(x: np.ndarray, y: np.ndarray) -> float:
-    """x' y of two vectors (n,)."""
+    """Return x' y of two vectors (n,)."""
     return float(np.einsum("n,n->", x, y))
 
 
 def products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a' b of (n, k) and (n, l): (k, l)."""
+    """Return the product a' b (k, l) of matrices (n, k) and (n, l)."""
     return np.asarray(np.einsum("nk,nl->kl", a, b))
 
 
 def along(a: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """a' x of (n, k) and (n,): (k,)."""
+    """Return the product a' x (k,) of a matrix (n, k) and a vector (n,)."""
     return np.asarray(np.einsum("nk,n->k", a, x))
 
 
 def combined(a: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """a x of (n, k) and (k,): (n,)."""
+    """Return the product a x (n,) of a matrix (n, k) and a vector (k,)."""
     return np.asarray(np.einsum("nk,k->n", a, x))
 
 
 def orthonormal(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(q (n, k), r (k, k)): a = q r, q' q = 1 but for columns that depend on those before, which are 0.
+    """Return q (n, k), r (k, k) of a = q r: columns of q are orthonormal, or 0 if a's depends on those before it.
 
     Gram and Schmidt, twice.
     """
@@ -57,7 +57,7 @@ def orthonormal(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def least_squares(a: np.ndarray, y: np.ndarray, rcond: float | None = None) -> np.ndarray:
-    """x (k,) of the least |y - a x|, the shortest of several: `np.linalg.lstsq`."""
+    """Return x (k,) that minimises |y - a x|, the shortest if several do, as `np.linalg.lstsq`; a (n, k), y (n,)."""
     q, r = orthonormal(a)
     least = float(np.finfo(np.float64).eps) * max(a.shape) if rcond is None else rcond
     return np.asarray(np.linalg.lstsq(r, along(q, y), rcond=least)[0])

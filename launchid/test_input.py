@@ -34,7 +34,8 @@ TEST_INPUT_SEED = 0
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A designed input and what it buys; accuracies are medians over windows of the worse parameter's bound."""
+    """A nominal with the designed test input; before, after: accuracy without and with it, the median over windows of
+    the larger relative Cramer-Rao bound of a6 and k1."""
 
     nominal: Nominal
     before: float
@@ -44,14 +45,14 @@ class Plan:
 
 
 def harmonics(nominal: Nominal, window: float) -> np.ndarray:
-    """Frequencies [rad/s] with whole periods in a window, thinned to MAX_HARMONICS."""
+    """Return frequencies [rad/s] with whole periods in a window [s], thinned to MAX_HARMONICS."""
     count = max(1, math.floor(HIGHEST_FREQUENCY * window / (2.0 * math.pi)))
     chosen = np.unique(np.round(np.geomspace(1, count, MAX_HARMONICS)).astype(int))
     return 2.0 * math.pi * chosen / window
 
 
 def with_input(nominal: Nominal, frequency: np.ndarray, amplitude: np.ndarray) -> Nominal:
-    """The nominal that flies this multisine over its whole flight."""
+    """Return the nominal that flies sines of frequencies [rad/s] and amplitudes [rad] (h,) over its whole flight."""
     assert nominal.simulation is not None
     keep = amplitude > 0.0
     n = int(np.sum(keep))
@@ -65,20 +66,23 @@ def with_input(nominal: Nominal, frequency: np.ndarray, amplitude: np.ndarray) -
 
 
 def accuracy_of(information: np.ndarray, window: float) -> float:
-    """Median over the windows of the worse of the two relative bounds."""
+    """Return the median over windows of the larger relative bound of a6 and k1, from their information (w, 2, 2)."""
     bound = bounds_of(information, window)
     return float(np.median(np.maximum(bound.a6, bound.k1)))
 
 
 def typical(information: np.ndarray, window: float) -> int:
-    """Number of the window whose worse bound is the median."""
+    """Return the index of the window whose larger relative bound is the median, from information (w, 2, 2)."""
     bound = bounds_of(information, window)
     worse = np.maximum(bound.a6, bound.k1)
     return int(np.argsort(worse)[len(worse) // 2])
 
 
 def design_shares(base: np.ndarray, gains: np.ndarray, power: float) -> np.ndarray:
-    """Shares (h,) of the power among harmonics whose information per unit power is gains (h, 2, 2)."""
+    """Return the shares (h,) of `power` among harmonics that make the larger variance of the two parameters small.
+
+    base (2, 2): information without input; gains (h, 2, 2): what each harmonic adds to it per unit of power
+    """
     shares = np.full(len(gains), 1.0 / len(gains))
     for _ in range(DESIGN_PASSES):
         covariance = np.linalg.inv(base + power * np.einsum("h,hij->ij", shares, gains))
@@ -91,7 +95,8 @@ def design_shares(base: np.ndarray, gains: np.ndarray, power: float) -> np.ndarr
 
 
 def probe(nominal: Nominal, frequency: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray]:
-    """Information of the flight as it is (w, 2, 2), and what each harmonic adds per rad^2 (h, w, 2, 2)."""
+    """Return the information of the flight without test input (w, 2, 2), and what each harmonic adds per rad^2 (h, w,
+    2, 2); InputError if a small input already loses the vehicle."""
     base = flight_information(nominal, window, TEST_INPUT_SEED)
     added = []
     for k in range(len(frequency)):
@@ -109,7 +114,7 @@ def probe(nominal: Nominal, frequency: np.ndarray, window: float) -> tuple[np.nd
 def plan(nominal: Nominal, accuracy: float, window: float) -> Plan:
     """Design the smallest input whose flight reaches `accuracy` (relative, one sigma) in windows of `window` seconds.
 
-    Raises UsageError for a wrong request, InputError where the deflection limit does not allow it.
+    Raise UsageError for a wrong accuracy or window, InputError if the deflection limit does not allow it.
     """
     nominal.require("actuator", "controller", "guidance", "simulation")
     assert nominal.simulation is not None and nominal.actuator is not None
@@ -147,6 +152,6 @@ def plan(nominal: Nominal, accuracy: float, window: float) -> Plan:
 
 
 def reached(nominal: Nominal, frequency: np.ndarray, amplitude: np.ndarray, window: float, windows: int) -> float:
-    """Accuracy of the flight with this input; inf if the vehicle is lost."""
+    """Return the accuracy (`accuracy_of`) of the flight with this input; inf if the vehicle is lost."""
     information = flight_information(with_input(nominal, frequency, amplitude), window, TEST_INPUT_SEED)
     return accuracy_of(information, window) if len(information) == windows else math.inf

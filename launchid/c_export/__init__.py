@@ -1,1 +1,1 @@
-"""The estimator in C, for a flight computer."""
+"""Export the estimator as C source for a flight computer."""

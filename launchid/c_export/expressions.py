@@ -1,7 +1,7 @@
-"""Expressions of a kernel in C: the same operations in the same order, so the same bits.
+"""Translate expressions of a kernel (compiled function of launchid_core) to C: the same operations, the same bits.
 
-Nothing is contracted or reordered (compile with -ffp-contract=off); `min` and `max` keep Python's answer to a NaN,
-`%` and `//` its sign.  Operators of different precedence stand in brackets, truth values are compared, not numbers, and
+Nothing is contracted or reordered (compile with -ffp-contract=off); `min` and `max` keep Python's answer to a NaN, `%`
+and `//` its sign.  Operators of different precedence stand in brackets, truth values are compared, not numbers, and
 casts of sums are calls, as MISRA C:2012 asks (12.1, 14.4, 10.8).
 """
 
@@ -48,19 +48,19 @@ Code = tuple[str, int]
 
 @cache
 def _of_kernels() -> frozenset[str]:
-    """Names of the core's functions, which no variable may hide (MISRA C:2012, 5.3)."""
+    """Return the names of the core's functions, which no variable may hide (MISRA C:2012, 5.3)."""
     modules = [module for name, module in sorted(sys.modules.items()) if name.startswith(f"{CORE}.")]
     return frozenset(name for module in modules for name, value in vars(module).items()
                      if inspect.isfunction(getattr(value, "py_func", value)))
 
 
 def word(name: str) -> str:
-    """A Python name in C."""
+    """Return the C identifier of a Python name: `_` is appended if C (TAKEN) or a function of the core has the name."""
     return f"{name}_" if name in TAKEN or name in _of_kernels() else name
 
 
 def refuse_negative(node: ast.expr | None) -> None:
-    """An index that is written negative counts from the end in Python."""
+    """Raise Untranslatable if an index is written as a negative number, which counts from the end in Python."""
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         raise Untranslatable(f"{ast.unparse(node)}: expected no index from the end here")
 
@@ -76,7 +76,7 @@ def _bracketed(code: str) -> str:
 
 
 def times(code: str, extent: str) -> str:
-    """A product of an index, without what a factor 0 or 1 leaves out."""
+    """Return C of the product code * extent; numbers are multiplied, factors 0 and 1 left out."""
     if code.isdigit() and extent.isdigit():
         return str(int(code) * int(extent))
     if code in ("0", "1"):
@@ -85,7 +85,7 @@ def times(code: str, extent: str) -> str:
 
 
 def plus(code: str, more: str) -> str:
-    """A sum of indices, without a 0."""
+    """Return C of the sum code + more; numbers are added, a term 0 is left out."""
     if code.isdigit() and more.isdigit():
         return str(int(code) + int(more))
     if "0" in (code, more):
@@ -94,24 +94,25 @@ def plus(code: str, more: str) -> str:
 
 
 def less(code: str, by: str) -> str:
-    """A difference of indices."""
+    """Return C of the difference code - by, as one number if both are numbers."""
     return str(int(code) - int(by)) if code.isdigit() and by.isdigit() else f"{code} - {by}"
 
 
 def address(pointer: str, offset: str) -> str:
-    """The address of a number in an array."""
+    """Return C of the address of element `offset` of the array that begins at `pointer`."""
     return pointer if offset == "0" else f"&{pointer}[{offset}]"
 
 
 class Expressions:
-    """The expressions of one kernel.  arrays: local tuples that are indexed by a variable, in C arrays."""
+    """Writer of one kernel's expressions (AST nodes) as C text.  arrays: local tuples that become C arrays, because a
+    variable indexes them."""
 
     def __init__(self, unit: "Unit", kinds: Inference, module: str, arrays: Sequence[str]) -> None:
         self.unit, self.kinds, self.module, self.arrays = unit, kinds, module, arrays
         self.calls: list[tuple[Kernel, list[Fact]]] = []
 
     def __call__(self, node: ast.expr, tightness: int = 0) -> str:
-        """C of an expression, in brackets if it binds less tightly."""
+        """Return C of an expression, in brackets if it binds less than `tightness`."""
         return self._bound(self._code(node), tightness)
 
     def _code(self, node: ast.expr) -> Code:
@@ -125,8 +126,8 @@ class Expressions:
         return code, UNARY if code[0] == "-" else ATOM
 
     def _known(self, node: ast.expr) -> int | bool | None:
-        """The count or truth value that an expression is before flight; None for one of names and numbers as they are
-        written, which are better read."""
+        """Return the integer or truth value of an expression if known before flight; None also for an expression of
+        literals and module constants alone, which is better read as it is written."""
         if isinstance(node, (ast.Constant, ast.Tuple)) or self.kinds.of(node) not in (INTEGER, TRUTH):
             return None
         if not isinstance(node, (ast.Compare, ast.BoolOp, ast.IfExp)) and self._is_named(node):
@@ -135,7 +136,7 @@ class Expressions:
         return None if number is None else bool(number) if self.kinds.of(node) == TRUTH else int(number)
 
     def _is_named(self, node: ast.expr) -> bool:
-        """Whether an expression is of numbers and of names of modules alone."""
+        """Whether an expression consists of literals and constants of modules alone."""
         return all(isinstance(each, (ast.Constant, ast.operator, ast.unaryop, ast.BinOp, ast.UnaryOp, ast.expr_context))
                    or (isinstance(each, ast.Attribute) and self.kinds.of_neighbour(each))
                    or (isinstance(each, ast.Name) and each.id not in self.kinds.names) for each in walk(node))
@@ -148,7 +149,7 @@ class Expressions:
         return text if binds >= tightness and (clear or binds == tightness) else f"({text})"
 
     def turned(self, node: ast.expr, kind: Kind | None, tightness: int = 0) -> str:
-        """C of an expression that becomes a double where this kind is one."""
+        """Return C of an expression, cast to double if `kind` is FLOAT; in brackets if it binds less than tightness."""
         of = self.kinds.of(node)
         if kind != FLOAT or of == FLOAT:
             return self(node, tightness)
@@ -158,8 +159,7 @@ class Expressions:
 
     @staticmethod
     def _cast(c: str, code: Code, of: Kind) -> Code:
-        """The code cast to another type, by a function unless it is a single value: a cast would widen the sum, not its
-        terms."""
+        """Return C cast to type `c`; by a function for more than one value: a cast would widen the sum, not terms."""
         if of == TRUTH:
             inner = f"counted({code[0]})"
             return (inner, ATOM) if c == "int64_t" else (f"(double){inner}", UNARY)
@@ -168,13 +168,13 @@ class Expressions:
         return f"{'as_real' if c == 'double' else 'as_whole'}({code[0]})", ATOM
 
     def truth(self, node: ast.expr, tightness: int = 0) -> str:
-        """C of a test: a count is compared with 0."""
+        """Return C of a condition, an integer as `n != 0`; in brackets if it binds less than `tightness`."""
         if self.kinds.of(node) == INTEGER:
             return self._bound((f"{self(node, UNARY)} != 0", EQUALITY), tightness)
         return self(node, tightness)
 
     def listed(self, nodes: Sequence[ast.expr]) -> str:
-        """Separated by commas."""
+        """Return C of the expressions separated by commas, as arguments or an initialiser have them."""
         return ", ".join(self(node) for node in nodes)
 
     def _constant(self, node: ast.Constant) -> Code:
@@ -200,7 +200,7 @@ class Expressions:
         return f"({kind.c}){{{pointer}, {', '.join(extents)}}}", ATOM
 
     def member(self, node: ast.expr) -> str:
-        """C of a struct's member, or of a struct, as a place."""
+        """Return C of an attribute of a named tuple as a member of its struct, `a->b.c`, to read or to assign."""
         assert isinstance(node, ast.Attribute)
         base = node.value
         if isinstance(base, ast.Subscript) and isinstance(base.value, ast.Name):  # block[0]
@@ -216,7 +216,7 @@ class Expressions:
         return isinstance(kind, Struct) and kind.placed
 
     def array(self, node: ast.expr) -> tuple[str, list[str]]:
-        """C of an array's first number's address, and of its extents."""
+        """Return C of the address of an array's first element, and C of each of its extents."""
         kind = self.kinds.of(node)
         assert isinstance(kind, Array)
         if kind.extents:
@@ -287,7 +287,7 @@ class Expressions:
         return f"{self.truth(node.test, UNARY)} ? {this} : {that}", CHOICE
 
     def _branch(self, node: ast.expr, kind: Kind) -> str:
-        """A small number is as wide as what it becomes (MISRA C:2012, 10.6)."""
+        """Return C of a branch of `a if test else b`; a literal integer is cast to int64_t (MISRA C:2012, 10.6)."""
         code = self.turned(node, kind, UNARY)
         return f"(int64_t){code}" if kind == INTEGER and isinstance(node, ast.Constant) else code
 
@@ -321,20 +321,20 @@ class Expressions:
         return f"{self(value, ATOM)}.v{whole_number(at)}"
 
     def offset(self, node: ast.Subscript) -> str:
-        """The offset of an element, or of a row or layer in rows or layers, from the array's begin."""
+        """Return C of the offset of a[i, j] from the begin of a; in rows or layers if a has further dimensions."""
         (_, extents), code = self.array(node.value), "0"
         for extent, each in zip(extents, indices(node), strict=False):
             code = plus(times(code, extent), self._place(each, extent))
         return code
 
     def _place(self, at: ast.expr, extent: str) -> str:
-        """An index; one that is written negative counts from the end."""
+        """Return C of an index; a negative literal counts from the end of `extent`."""
         if isinstance(at, ast.UnaryOp) and isinstance(at.op, ast.USub):
             return less(extent, str(whole_number(at.operand)))
         return self(at, SUM)
 
     def piece(self, node: ast.Subscript) -> str:
-        """A part of a vector, or some rows of a matrix."""
+        """Return C of a slice a[i:j] of a vector, or of rows i to j of a matrix, as an array that shares a's memory."""
         kind = self.kinds.of(node)
         assert isinstance(kind, Array)
         begin, length = self._ends(node)
@@ -342,7 +342,7 @@ class Expressions:
         return f"({kind.c}){{{', '.join([begin, length, *rest])}}}"
 
     def _ends(self, node: ast.Subscript) -> tuple[str, str]:
-        """The begin of a part of a vector, and its length."""
+        """Return C of the address where a slice a[i:j] begins, and of its length."""
         at, (pointer, extents) = indices(node), self.array(node.value)
         if len(at) != 1 or not isinstance(at[0], ast.Slice) or at[0].step is not None:
             raise Untranslatable(f"{ast.unparse(node)}: expected a part of a vector")

@@ -1,9 +1,9 @@
-"""What is known of an expression before flight: its number, the numbers of an array that never changes, or extents.
+"""Constant folding of the C export: what is known of an expression before flight (number, constant array or extents).
 
 Facts come from the configuration (fields of `Size`, the fixed struct, tables), from constants of modules and, for an
-argument, from what every call of the kernel gives it (`program.Unit`).  What they decide is not written in C: a
-condition is its answer, a branch that it excludes is gone, and so is a loop of no turns.  What an index that is not
-known chooses from a table is one of several (`Among`): it decides a test that has one answer for all of them.
+argument, from what every call of the kernel gives it (`program.Unit`).  What they decide is not written in C: a known
+condition, a branch that it excludes, a loop of no turns.  An element that an unknown index takes from a table is one of
+several (`Among`); a test of it is decided if all of them give one answer.
 """
 
 import ast
@@ -36,8 +36,8 @@ CALLS: dict[str, Callable[..., Any]] = {
 
 
 def walk(tree: ast.AST) -> list[ast.AST]:
-    """The nodes of `ast.walk`, statements in its order; those of an expression, which nobody changes, and of a function
-    are collected once: who takes statements out of a function says so by `changed`."""
+    """Return the nodes of `ast.walk(tree)`, statements in its order.  The list is kept for an expression or a function:
+    who removes statements of a function calls `changed` after it."""
     known: list[ast.AST] | None = tree.__dict__.get("nodes")
     if known is not None:
         return known
@@ -59,19 +59,20 @@ def walk(tree: ast.AST) -> list[ast.AST]:
 
 
 def changed(tree: ast.FunctionDef) -> None:
-    """Forget the nodes of a function whose statements are others now."""
+    """Drop the list of nodes that `walk` keeps for a function, after its statements have changed."""
     tree.__dict__.pop("nodes", None)
 
 
 @dataclass(frozen=True)
 class Among:
-    """One of several facts: numbers, or arrays of one shape."""
+    """A value of which is known that it is one of `facts`: numbers, or arrays of one shape."""
 
     facts: tuple[Fact, ...]
 
 
 def among(facts: Iterable[Fact]) -> Fact:
-    """What is one of these facts; None if one of them is not known, or of too many."""
+    """Join facts about one value: the fact itself if all agree, `Among` of the distinct ones, None if any is unknown,
+    or there are none or more than MOST_FACTS."""
     parts = [part for fact in facts for part in (fact.facts if isinstance(fact, Among) else (fact,))]
     distinct = {repr(part): part for part in parts}
     if any(part is None for part in parts) or not 0 < len(distinct) <= MOST_FACTS:
@@ -80,7 +81,7 @@ def among(facts: Iterable[Fact]) -> Fact:
 
 
 def fact_of(value: Any) -> Fact:
-    """What a value of Python says."""
+    """Return what is known of a Python value: the number, or the array (also of a plain tuple); else None."""
     if isinstance(value, (np.generic, *PLAIN_NUMBERS)):
         return value.item() if isinstance(value, np.generic) else value
     if isinstance(value, tuple) and not hasattr(value, "_fields"):
@@ -89,7 +90,8 @@ def fact_of(value: Any) -> Fact:
 
 
 def shared(a: Fact, b: Fact) -> Fact:
-    """What two calls have in common."""
+    """Return what two facts about one argument, from two calls, have in common: the value if they are equal; numbers of
+    both if a is an `Among` of numbers; of arrays the extents, None where they differ; None if there is nothing."""
     if isinstance(a, Among) and isinstance(b, (Among, *PLAIN_NUMBERS)):
         if all(isinstance(each, PLAIN_NUMBERS) for each in a.facts):
             return among([a, b])
@@ -105,7 +107,7 @@ def shared(a: Fact, b: Fact) -> Fact:
 
 
 def differ(a: Fact, b: Fact) -> bool:
-    """Whether one says what the other does not."""
+    """Whether two facts about a value are different (other numbers, shapes or extents)."""
     if a is b:
         return False
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
@@ -115,7 +117,7 @@ def differ(a: Fact, b: Fact) -> bool:
 
 
 def extents_of(fact: Fact, dimensions: int) -> tuple[int | None, ...]:
-    """Extents of an array, None where unknown."""
+    """Return the extents of an array, one for each dimension, from the fact about it; None where unknown."""
     fact = fact.facts[0] if isinstance(fact, Among) else fact
     if isinstance(fact, np.ndarray):
         return fact.shape
@@ -123,7 +125,8 @@ def extents_of(fact: Fact, dimensions: int) -> tuple[int | None, ...]:
 
 
 class Facts:
-    """The facts of one kernel; given: of its arguments."""
+    """What is known before flight of one kernel's expressions; calling it with an expression returns its fact, or None.
+    given: facts of the kernel's arguments, by name"""
 
     def __init__(self, kinds: "Inference", tree: ast.FunctionDef, given: dict[str, Fact]) -> None:
         self.kinds = kinds
@@ -134,12 +137,12 @@ class Facts:
         self.once = {name: value for name, value in _assignments(tree) if stores.count(name) == 1 and name not in given}
 
     def number(self, node: ast.expr | None) -> Any:
-        """The number or truth value of an expression; None where it is not known."""
+        """Return the int, float or bool that an expression has before flight; None if it is unknown."""
         fact = None if node is None else self(node)
         return fact if isinstance(fact, PLAIN_NUMBERS) else None
 
     def options(self, node: ast.expr | None) -> tuple[Any, ...] | None:
-        """The numbers that an expression may be in the turns of the loops around it; None where one is not known."""
+        """Return the numbers that an expression can have in the turns of loops around it; None if one is unknown."""
         if node is None:
             return None
         names = [name for name in self.ranges if name in self._reads(node)]
@@ -156,7 +159,7 @@ class Facts:
         return (fact,) if isinstance(fact, PLAIN_NUMBERS) else None
 
     def _reads(self, node: ast.expr) -> set[str]:
-        """The names that an expression hangs on, through names that are assigned once."""
+        """Return the names that an expression depends on, also through variables that are assigned once."""
         names, waiting = set[str](), [node]
         while waiting:
             new = {each.id for each in walk(waiting.pop()) if isinstance(each, ast.Name)} - names
@@ -165,12 +168,12 @@ class Facts:
         return names
 
     def decided(self, test: ast.expr) -> Any:
-        """The answer of a test, also if it is the same in every turn of the loops around it; None if unknown."""
+        """Return the value of a test if it is known and the same in every turn of the loops around it; else None."""
         answers = self.options(test)
         return answers[0] if answers is not None and len(answers) == 1 else None
 
     def turns(self, loop: ast.For) -> int | None:
-        """How often a loop is gone through."""
+        """Return how many turns a loop over `range` makes; None if unknown, or if outer loops change it."""
         ends = [self.options(each) for each in loop.iter.args] if isinstance(loop.iter, ast.Call) else [None]
         if None in ends:
             return None
@@ -178,12 +181,12 @@ class Facts:
         return turns.pop() if len(turns) == 1 else None
 
     def range_of(self, loop: ast.For) -> range | None:
-        """What a loop goes through."""
+        """Return the range that a loop goes through, if its ends are known before flight; else None."""
         ends = [self.number(each) for each in loop.iter.args] if isinstance(loop.iter, ast.Call) else [None]
         return None if None in ends else range(*map(int, ends))  # type: ignore[arg-type]
 
     def __call__(self, node: ast.expr) -> Fact:
-        """What is known of an expression."""
+        """Return what is known before flight of an expression: a number, array, extents or `Among`; None if nothing."""
         if id(node) in self.kept:
             return self.kept[id(node)][1]
         reader: Callable[[Any], Fact] | None = getattr(self, f"_{type(node).__name__.lower()}", None)
@@ -239,7 +242,7 @@ class Facts:
 
     @staticmethod
     def _chosen(base: Fact, at: list[ast.expr], places: list[Any]) -> Fact:
-        """A part of a table, or of one of several, wherever an index that is not known points to."""
+        """Return the part of a table (or one of several) at an index that may be unknown: `Among` of all it can be."""
         tables = base.facts if isinstance(base, Among) else (base,)
         if not all(isinstance(table, np.ndarray) for table in tables):
             return None
@@ -259,7 +262,7 @@ class Facts:
         return slice(low, high) if is_known else None
 
     def _part(self, node: ast.Slice, extent: int | None) -> int | None:
-        """Extent of a part."""
+        """Return the extent of a slice of a dimension with this extent; None if unknown."""
         low = 0 if node.lower is None else self.number(node.lower)
         high = extent if node.upper is None else self.number(node.upper)
         return None if low is None or high is None else int(high) - int(low)
@@ -301,7 +304,8 @@ class Facts:
         return bool(last) if len(left) == 1 and last is not None else None
 
     def undecided(self, node: ast.BoolOp) -> list[ast.expr]:
-        """The terms of a conjunction or disjunction that its answer hangs on; the last one of them all if none."""
+        """Return the terms of an `and` or `or` that C must test: no term of known value, except one that decides, which
+        is last; if no term is left, the last term of all."""
         decisive = isinstance(node.op, ast.Or)
         left: list[ast.expr] = []
         for each in node.values:
@@ -340,7 +344,7 @@ class Facts:
 
 
 def _assignments(tree: ast.FunctionDef) -> Iterator[tuple[str, ast.expr]]:
-    """Names and the expressions that they are assigned."""
+    """Yield (name, assigned expression) of all assignments in a function."""
     for node in walk(tree):
         if not isinstance(node, ast.Assign):
             continue

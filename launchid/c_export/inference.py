@@ -1,4 +1,4 @@
-"""Kinds of a kernel's names and expressions, from those of its arguments: what numba infers, where it matters."""
+"""Infer kinds (C types) of a kernel's names and expressions from those of its arguments, as numba infers its types."""
 
 import ast
 import inspect
@@ -35,29 +35,29 @@ BY_HAND: dict[str, Kind] = {  # written in C by hand: seals, powers of two
 
 
 def of_module(node: ast.expr) -> bool:
-    """Whether an expression is an attribute of numpy or math."""
+    """Whether an expression is an attribute of numpy or math (`np.inf`, `math.sqrt`)."""
     return isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in MODULES
 
 
 def is_unsigned(node: ast.expr) -> bool:
-    """Whether an expression makes a count unsigned, which numba wants of an index and C has no need of."""
+    """Whether an expression is a cast U(i) or np.uint64(i), which numba wants of an index and C does not need."""
     return isinstance(node, ast.Call) and ast.unparse(node.func) in ("U", "np.uint64")
 
 
 def indices(node: ast.Subscript) -> list[ast.expr]:
-    """The expressions between the brackets."""
+    """Return the expressions between the brackets of a subscript: [i, j] for a[i, j]."""
     return list(node.slice.elts) if isinstance(node.slice, ast.Tuple) else [node.slice]
 
 
 def whole_number(node: ast.expr) -> int:
-    """An index as it is written."""
+    """Return the integer of an index that is a literal; raise Untranslatable for any other expression."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int):
         return node.value
     raise Untranslatable(f"[{ast.unparse(node)}]: expected a whole number")
 
 
 class Inference:
-    """Kinds in one kernel for one choice of its arguments."""
+    """Kinds (C types) of one kernel's names and expressions, for one choice of kinds and facts of its arguments."""
 
     def __init__(self, unit: "Unit", tree: ast.FunctionDef, around: dict[str, Any], kinds: Sequence[Kind],
                  given: Sequence[Fact]) -> None:
@@ -80,8 +80,8 @@ class Inference:
     # ---- statements
 
     def alive(self, body: list[ast.stmt]) -> Iterator[ast.stmt]:
-        """Statements that can be reached, one after the other, so that each may be read before the next is decided:
-        decided branches in their place, no loop without turns, nothing after a return among them."""
+        """Yield the statements of a body that can run: for a decided `if` its branch, no loop without turns, nothing
+        after a return.  They come one by one, so that each can be read before the next is decided."""
         for node in body:
             last: ast.stmt = node
             answer = self.facts.decided(node.test) if isinstance(node, ast.If) else None
@@ -97,14 +97,15 @@ class Inference:
                 return
 
     def result_of(self, call: ast.Call) -> Fact:
-        """What is known of a kernel's result where it does nothing else; None for every other call."""
+        """Return the number that a kernel's call gives, if known before flight and the call has no effect; else
+        None."""
         name = ast.unparse(call.func)
         if name in BY_HAND or name in ("min", "max"):
             return None
         return self.called(call).answer
 
     def called(self, call: ast.Call) -> "Kernel":
-        """The kernel that a call calls."""
+        """Return the kernel that a call names, translated for the kinds of its arguments, and add it to `asked`."""
         kernel = self.unit.kernel(self.outside(call.func), [loosened(self.of(argument)) for argument in call.args],
                                   lambda: [self.facts(argument) for argument in call.args])
         self.asked.add(kernel)
@@ -160,7 +161,7 @@ class Inference:
     # ---- expressions
 
     def of(self, node: ast.expr) -> Kind:
-        """The kind of an expression."""
+        """Return the kind (C type) of an expression; raise Untranslatable if it has none in C."""
         if id(node) in self.kept:
             return self.kept[id(node)][1]
         reader: Callable[[Any], Kind] | None = getattr(self, f"_of_{type(node).__name__.lower()}", None)
@@ -178,7 +179,7 @@ class Inference:
         return self.names[node.id] if node.id in self.names else kind_of(self.globals[node.id])
 
     def outside(self, node: ast.expr) -> Any:
-        """The object that a name, or a module's name, stands for in the kernel's module."""
+        """Return the object that a name (`PERIOD`) or a module's attribute (`rb.PERIOD`) is in the kernel's module."""
         if isinstance(node, ast.Attribute):
             assert isinstance(node.value, ast.Name)
             return getattr(self.globals[node.value.id], node.attr)
@@ -186,7 +187,7 @@ class Inference:
         return self.globals[node.id]
 
     def of_neighbour(self, node: ast.expr) -> bool:
-        """Whether an expression is a name of another module of the package (`rb.PERIOD`)."""
+        """Whether an expression is an attribute of a module that the kernel's module imports (`rb.PERIOD`)."""
         return (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
                 and node.value.id not in self.names and inspect.ismodule(self.globals.get(node.value.id)))
 

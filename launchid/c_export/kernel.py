@@ -1,4 +1,4 @@
-"""One kernel in C: a static function of the same name, its docstring above it."""
+"""Translate one kernel (compiled function of launchid_core) to a static C function of its name and docstring."""
 
 import ast
 import inspect
@@ -39,24 +39,24 @@ CHANGED_ARGUMENT = "{}_given"  # an argument that the kernel changes: its own co
 
 
 def _names(nodes: Sequence[ast.AST], context: type) -> set[str]:
-    """Names that these statements store or load."""
+    """Return the names that these nodes store (ast.Store) or load (ast.Load)."""
     return {each.id for node in nodes for each in walk(node)
             if isinstance(each, ast.Name) and isinstance(each.ctx, context)}
 
 
 def typed(c: str, name: str) -> str:
-    """A declaration: the star of a pointer stands at the name."""
+    """Return the C declaration of `name` with type `c`; the star of a pointer type stands at the name."""
     return f"{c}{name}" if c.endswith("*") else f"{c} {name}"
 
 
 def comment_of(about: str) -> str:
-    """A docstring as a comment."""
+    """Return a docstring as a C comment; marks of comments in it are broken up."""
     lines = about.replace("//", "/ /").replace("/*", "/ *").replace("*/", "* /").split("\n")
     return "\n   ".join([f"/* {lines[0]}", *lines[1:]]).replace("\n   \n", "\n\n") + " */\n"
 
 
 def _without_unused(lines: list[str], pure: set[str]) -> list[str]:
-    """Drop declarations of variables that nothing reads, all calls in which are `pure`."""
+    """Return lines of C without declarations of variables that nothing reads, if all calls in them are of `pure`."""
     kept: list[str] = []
     read: set[str] = set()
     for line in reversed(lines):
@@ -68,12 +68,12 @@ def _without_unused(lines: list[str], pure: set[str]) -> list[str]:
 
 
 def _words(lines: list[str]) -> set[str]:
-    """Names in lines of C but for those of members."""
+    """Return the names in lines of C, members of structs left out."""
     return set(re.findall(r"(?<![\w.>])[A-Za-z_]\w*", "\n".join(lines)))
 
 
 def rename_counters(tree: ast.FunctionDef) -> None:
-    """A loop's variable that something else stores too gets a name of its own: C's must not hide another."""
+    """Rename in place each loop variable that is stored elsewhere too: C's, declared in the loop, must hide none."""
     loops = [node for node in walk(tree) if isinstance(node, ast.For) and isinstance(node.target, ast.Name)]
     targets = {id(loop.target) for loop in loops}
     stored = {node.id for node in walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
@@ -118,8 +118,8 @@ def _common(a: Block, b: Block) -> Block:
 
 
 def first_assignments(function: ast.FunctionDef) -> dict[int, set[str]]:
-    """id of an assignment -> names that it may declare: it comes first, reads none of them, and all other uses are in
-    its block."""
+    """Return id of an assignment -> names that C can declare in it: it is their first use and does not read them, and
+    all other uses are in its block."""
     home: dict[str, Block] = {}
     first: dict[str, tuple[Block, ast.stmt]] = {}
     for block, node in _statements(function.body, ()):
@@ -137,7 +137,7 @@ def first_assignments(function: ast.FunctionDef) -> dict[int, set[str]]:
 
 
 class Kernel:
-    """A kernel for one choice of its arguments' kinds."""
+    """Translation of one kernel to C for one choice of its arguments' kinds (C types)."""
 
     def __init__(self, unit: "Unit", function: Callable[..., Any], arguments: tuple[Kind, ...], name: str) -> None:
         self.unit, self.name, self.function, self.arguments = unit, name, function, arguments
@@ -146,11 +146,11 @@ class Kernel:
 
     @property
     def result(self) -> Kind | None:
-        """The kind of what it returns."""
+        """Kind (C type) of the return value; VOID if nothing is returned."""
         return self.kinds.result
 
     def translate(self) -> None:
-        """Fill the function's lines; kernels that it calls are translated before."""
+        """Fill `lines` with C of the function's body, after that of the kernels it calls; Untranslatable names it."""
         tree = ast.parse(_source(self.function)).body[0]
         assert isinstance(tree, ast.FunctionDef)
         self.tree, self.temporaries = tree, 0
@@ -181,18 +181,18 @@ class Kernel:
         self.answer, self.hands_on = self._answer(), self._hands_on()
 
     def learn(self, given: list[Fact]) -> bool:
-        """Translate again with what is known of the arguments; whether its callers have to write another call."""
+        """Translate again with `given`, a fact for each argument; return whether calls of this kernel must change."""
         before, self.given = (repr(self.answer), self.hands_on), given
         self.translate()
         return before != (repr(self.answer), self.hands_on)
 
     @property
     def asked(self) -> "set[Kernel]":
-        """The kernels whose kinds and answers it has asked for."""
+        """Kernels that this kernel calls."""
         return self.kinds.asked
 
     def _alive(self, body: list[ast.stmt]) -> list[ast.stmt]:
-        """The statements that these arguments can reach."""
+        """Return the statements of a body that can run with these arguments, branches and loops cut down in place."""
         kept = []
         for node in self.kinds.alive(body):
             around = self.kinds.facts.ranges
@@ -210,7 +210,7 @@ class Kernel:
         return kept
 
     def _drop_unread(self) -> None:
-        """Take away the assignments of numbers that nothing reads, but for what a call gives."""
+        """Rename in place to `_` each assigned variable that nothing reads; a call that gives it stays."""
         statements = [node for node in walk(self.tree) if isinstance(node, (ast.Assign, ast.AugAssign))]
         targets = {id(node): node.targets if isinstance(node, ast.Assign) else [node.target] for node in statements}
         unread = [node for node in statements if self._is_known(targets[id(node)][0])]
@@ -226,7 +226,7 @@ class Kernel:
                     each.id = UNUSED_NAME
 
     def _answer(self) -> Fact:
-        """The one number that it returns, if it does nothing else."""
+        """Return the number that the kernel always returns, if it is known and a call has no effect; else None."""
         nodes = walk(self.tree)
         found = {repr(self.kinds.facts.number(node.value)): self.kinds.facts.number(node.value) for node in nodes
                  if isinstance(node, ast.Return)}
@@ -234,12 +234,12 @@ class Kernel:
 
     @property
     def is_pure(self) -> bool:
-        """Whether it does nothing but to answer."""
+        """Whether a call has no effect but its result: this kernel and all that it calls store into no array."""
         return (all(called.is_pure for called in self.asked) and not any(
             isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store) for node in walk(self.tree)))
 
     def written(self, given: Iterable[Any]) -> list[Any]:
-        """Of what is given for its arguments, what C hands on: what is known before flight is in the function."""
+        """Return the items of `given` (one for each argument) that C passes: those that the translated body reads."""
         return [each for each, is_written in zip(given, self.hands_on, strict=True) if is_written]
 
     def _hands_on(self) -> list[bool]:
@@ -250,7 +250,7 @@ class Kernel:
         return [word(each.arg) in read for each in self.tree.args.args]
 
     def source(self) -> str:
-        """The whole function."""
+        """Return the text of the C function, its docstring as a comment above it."""
         names = (argument.arg for argument in self.tree.args.args)
         given = dict(self.written(zip(names, self.arguments, strict=True)))
         stored = _names(self.tree.body, ast.Store)
@@ -275,14 +275,14 @@ class Kernel:
                       and isinstance(self.kinds.names.get(node.value.id), Several)})
 
     def _counters(self) -> set[str]:
-        """Loop variables that nothing else stores."""
+        """Return the loop variables that only their loops store."""
         loops = [node.target for node in walk(self.tree) if isinstance(node, ast.For)]
         others = {node.id for node in walk(self.tree) if isinstance(node, ast.Name)
                   and isinstance(node.ctx, ast.Store) and not any(node is loop for loop in loops)}
         return {loop.id for loop in loops if isinstance(loop, ast.Name)} - others
 
     def _declarations(self, arguments: list[str]) -> list[str]:
-        """The declarations of local variables that no assignment can declare."""
+        """Return C that declares, at the begin of the function, local variables that no assignment can declare."""
         declared = set().union(*self.first.values()) if self.first else set()
         known = {name for name in self.kinds.names if self._is_known(ast.Name(name, ast.Load()))}
         left_out = {*arguments, *self._counters(), *self.local_arrays, *declared, *known, UNUSED_NAME}
@@ -296,7 +296,7 @@ class Kernel:
         return self.c(target)
 
     def _is_known(self, target: ast.expr) -> bool:
-        """Whether a variable holds what is known before flight alone."""
+        """Whether the value of a variable is known before flight, so that C needs no variable."""
         kind = self.kinds.names.get(target.id) if isinstance(target, ast.Name) else None
         if kind in (INTEGER, TRUTH):
             return self.kinds.facts.number(target) is not None
@@ -357,7 +357,7 @@ class Kernel:
         self._line(depth, "}")
 
     def _for(self, node: ast.For, depth: int) -> None:
-        """A range, whose ends are read once."""
+        """Write a loop over `range`, whose ends are evaluated once; Untranslatable for any other loop."""
         assert isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name)
         arguments = node.iter.args
         low = "0" if len(arguments) == 1 else self.c(arguments[0])
@@ -398,7 +398,7 @@ class Kernel:
         return max(extents)
 
     def _refuse_reading_after(self, loop: ast.For, name: str) -> None:
-        """A loop's variable lives in the loop: Python's keeps its last value."""
+        """Raise Untranslatable if a loop's variable is read after the loop, where C's is gone."""
         later = [each for each in walk(self.tree) if isinstance(each, ast.Name) and each.id == name
                  and each.lineno > (loop.end_lineno or loop.lineno)]
         if later and isinstance(min(later, key=lambda each: (each.lineno, each.col_offset)).ctx, ast.Load):
@@ -454,7 +454,7 @@ class Kernel:
                 self._line(depth, f"{self._target(each, node)} = {part};")
 
     def _at_once(self, target: ast.Tuple, value: ast.Tuple, depth: int) -> list[str]:
-        """The values of a tuple, in temporaries unless storing cannot change them."""
+        """Return C of a tuple's values, as temporaries if storing one target could change a later value."""
         plain = all(isinstance(each, ast.Name) for each in target.elts)
         if plain and not _names(target.elts, ast.Store) & _names(value.elts, ast.Load):
             return [self.c.turned(each, self.kinds.of(to)) for to, each in zip(target.elts, value.elts, strict=True)]

@@ -1,8 +1,8 @@
-"""The kinds of a kernel's values, and their C types.
+"""Kinds of a kernel's values, and their C types.
 
 A kernel's values are numbers, truth values, contiguous arrays of up to three dimensions, named tuples of these (a C
-struct, handed on by its address) and, as results, plain tuples.  An integer of a named tuple is known before flight
-(how much of the memory is in use): it is written where it is used.
+struct, passed by its address) and, as results, plain tuples.  An integer in a named tuple is known before flight (how
+much of the memory is in use): C has its number where it is used.
 """
 
 import math
@@ -17,7 +17,7 @@ from sim.errors import UsageError
 
 @dataclass(frozen=True)
 class Scalar:
-    """A number or a truth value, by its C type."""
+    """Kind of a number or a truth value; c: its C type."""
 
     c: str
 
@@ -31,8 +31,8 @@ TYPE_NAMES = {FLOAT: ("Vector", "Matrix", "Cube"), INTEGER: ("Integers", "Intege
 
 @dataclass(frozen=True)
 class Array:
-    """A contiguous array; one with extents is a struct's own, and `constant` if nothing may write to it; value: of one
-    that never changes."""
+    """Kind of a contiguous array.  extents: of a struct's own array, () if they vary; constant: never written to;
+    value: its numbers, if they never change."""
 
     element: Scalar
     dimensions: int
@@ -42,7 +42,7 @@ class Array:
 
     @property
     def loose(self) -> "Array":
-        """The same, of any extents: what functions take."""
+        """This kind without extents and value, as functions take an array."""
         return Array(self.element, self.dimensions, constant=self.constant)
 
     @property
@@ -51,7 +51,7 @@ class Array:
 
 
 def array_types(source: str) -> str:
-    """C types of the arrays that a source names."""
+    """Return the C typedefs of the array structs (Vector, ConstMatrix, ...) that a C source uses."""
     kinds = (Array(element, dimensions, constant=constant) for element in TYPE_NAMES
              for dimensions in range(1, len(DIMENSIONS) + 1) for constant in (False, True))
     return "".join(
@@ -62,14 +62,14 @@ def array_types(source: str) -> str:
 
 @dataclass(frozen=True)
 class Known:
-    """An integer whose value is known before flight."""
+    """Kind of an integer whose value is known before flight."""
 
     value: int
 
 
 @dataclass(frozen=True)
 class Struct:
-    """A named tuple; `constant` if nothing may write to it, `placed` if its fields are addresses of structs."""
+    """Kind of a named tuple of type `of`: a C struct.  constant: never written to; placed: its fields are pointers."""
 
     of: type
     kinds: "tuple[Kind, ...]"
@@ -88,13 +88,13 @@ class Struct:
 
     @property
     def is_known(self) -> bool:
-        """Whether all of it is known before flight: then it is nowhere in C."""
+        """Whether all fields are known before flight; then C has no such struct."""
         return all(isinstance(kind, Known) for kind in self.kinds)
 
 
 @dataclass(frozen=True)
 class Several:
-    """A plain tuple."""
+    """Kind of a plain tuple, by the kinds of its elements."""
 
     kinds: "tuple[Kind, ...]"
 
@@ -103,11 +103,11 @@ Kind = Scalar | Known | Array | Struct | Several
 
 
 class Untranslatable(UsageError):
-    """A construct of a kernel that C has no word for here."""
+    """Error: a kernel has a construct that this package cannot translate to C."""
 
 
 def kind_of(value: Any) -> Kind:
-    """The kind of a Python value."""
+    """Return the kind (C type) of a number, array or tuple; raise Untranslatable for any other value."""
     if isinstance(value, (bool, np.bool_)):
         return TRUTH
     if isinstance(value, (int, np.integer)):
@@ -123,7 +123,7 @@ def kind_of(value: Any) -> Kind:
 
 
 def struct_of(value: Any, constant: bool = False) -> Struct:
-    """The struct of a named tuple whose arrays are the struct's own."""
+    """Return the kind of a named tuple of integers (`Known`), arrays with extents (values if `constant`), tuples."""
     kinds: list[Kind] = []
     for each in value:
         if isinstance(each, int):
@@ -136,14 +136,14 @@ def struct_of(value: Any, constant: bool = False) -> Struct:
 
 
 def loosened(kind: Kind) -> Kind:
-    """The kind as functions and variables have it."""
+    """Return the kind that an argument or variable has for a value of this kind: arrays without extents and value."""
     if isinstance(kind, Array):
         return kind.loose
     return Several(tuple(map(loosened, kind.kinds))) if isinstance(kind, Several) else kind
 
 
 def join(a: Kind | None, b: Kind | None) -> Kind | None:
-    """The kind that holds both, as numba unifies them."""
+    """Return the kind that holds both, as numba unifies them; None is neutral.  Untranslatable if no kind does."""
     if a is None or b is None or a == b:
         return b if a is None else a
     if isinstance(a, Scalar) and isinstance(b, Scalar) and VOID not in (a, b):
@@ -159,7 +159,7 @@ def _must(kind: Kind | None) -> Kind:
 
 
 def literal(value: Any) -> str:
-    """A number as C writes it: the same bits."""
+    """Return a number or truth value as a C literal with the same bits."""
     if isinstance(value, (bool, np.bool_)):
         return "true" if value else "false"
     if isinstance(value, (int, np.integer)):

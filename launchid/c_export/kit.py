@@ -1,7 +1,7 @@
-"""All that `launchid export-c` writes: the port, its vectors and their checker, an example, a Makefile, a target, a
-README, and frames for cFS, F Prime and Simulink.
+"""Compose all files of `launchid export-c`: the estimator in C, its vectors and their checker, an example, a Makefile,
+a target, a README, and wrappers for cFS, F Prime and Simulink.
 
-The frames are made from one description: what goes in is a sample, field by field, what comes out is OUTPUTS.
+The wrappers are made from one description: their inputs are the fields of a sample, their outputs OUTPUTS.
 """
 
 from launchid_core import Config, Sample, Status
@@ -22,7 +22,7 @@ FRAMES = ("launchid_cfs.c", "Launchid.fpp", "Launchid.hpp", "Launchid.cpp", "lau
 
 
 def exported(config: Config, flights: list[Flight]) -> dict[str, str]:
-    """File name -> text of all that `launchid export-c` writes; the Python estimator answers to the flights."""
+    """Return file name -> text of all that `launchid export-c` writes; `flights` are the vectors that check it."""
     statuses = ", ".join(f"LAUNCHID_{status.name}" for status in Status)
     vectors = {"flights": len(flights), "samples": sum(map(len, flights))}
     return (c_files(config, vectors=vectors) | {"check.c": template("check.c", {"statuses": statuses})}
@@ -31,7 +31,7 @@ def exported(config: Config, flights: list[Flight]) -> dict[str, str]:
 
 
 def frames(config: Config) -> dict[str, str]:
-    """File name -> text."""
+    """Return file name -> text of the wrappers for cFS, F Prime and Simulink (FRAMES)."""
     fields = Sample._fields
     values: dict[str, object] = {
         "n_in": len(fields), "n_out": len(OUTPUTS), "period": literal(config.sample_period),

@@ -1,4 +1,4 @@
-"""An estimator as C files: what is fixed, what persists and scratch as structs, and its two kernels.
+"""Translate an estimator to C files: its memory (fixed, persistent, scratch) as structs, its kernels as functions.
 
 `Unit` is the C file being made: its structs, constants and functions, each after what it needs.
 """
@@ -50,8 +50,8 @@ Key = tuple[Callable[..., Any], tuple[Kind, ...]]
 
 
 def c_files(config: Config, vectors: dict[str, int] | None = None) -> dict[str, str]:
-    """File name -> text of an estimator with this configuration; vectors: how many `flights` and `samples` it is
-    checked with."""
+    """Return file name -> text (launchid.h, launchid.c, replay.c, README.md) of an estimator with this configuration;
+    vectors: numbers of `flights` and `samples` it is checked with."""
     program = _Program(config, port_of(config))
     header, source = program.header(), program.source()
     functions = sorted(name for name in (*EXACT_FUNCTIONS, "fabs", "frexp", "ldexp")
@@ -62,7 +62,7 @@ def c_files(config: Config, vectors: dict[str, int] | None = None) -> dict[str, 
 
 
 def template(name: str, values: dict[str, object]) -> str:
-    """The text of a template with its values."""
+    """Return the text of a file of TEMPLATES, its $placeholders replaced by `values`."""
     text = (TEMPLATES / name).read_text(encoding="utf-8")
     return Template(text).substitute(values) if values else text
 
@@ -75,7 +75,7 @@ def _enumeration(names: type[Status] | type[EstimateStatus]) -> str:
 
 
 class _Program:
-    """One configuration's."""
+    """The C program of one configuration."""
 
     def __init__(self, config: Config, port: Port) -> None:
         self.config, self.port, self.unit = config, port, Unit()
@@ -98,7 +98,7 @@ class _Program:
         self.seal = self._call(port.seal) or f"fold_words(&state->{STATE})"
 
     def _roots(self) -> dict[Key, list[Fact]]:
-        """What is known of the memory that the kernels take."""
+        """Return the kernels that are called from outside -> facts of their arguments (fixed arrays, else extents)."""
         apart = {name: array if self.port.apart[name] == FIXED else array.shape
                  for name, array in self.port.memory.apart.items()}
         called = [each for each in (self.port.update, self.port.report, self.port.seal) if each is not None]
@@ -111,7 +111,7 @@ class _Program:
         return getattr(function, "py_func", function), tuple(kinds)
 
     def _apart(self, kind: str) -> dict[str, np.ndarray]:
-        """The arrays that stand apart, of what is fixed, persists or is scratch."""
+        """Return the arrays outside the structs that are fixed, persist or are scratch (`kind`), by name."""
         return {name: array for name, array in self.port.memory.apart.items() if self.port.apart[name] == kind}
 
     def _call(self, function: Any) -> str:
@@ -124,7 +124,7 @@ class _Program:
         return f"{kernel.name}({', '.join(self._given(name, kind) for name, kind in given)})"
 
     def _given(self, name: str, kind: Kind) -> str:
-        """C of an argument."""
+        """Return C of what is passed for the argument `name` of a kernel."""
         if name == "block":
             return "&block"
         if name in ("words", "state"):
@@ -136,7 +136,7 @@ class _Program:
         return f"({kind.c}){{{place}, {', '.join(map(str, array.shape))}}}"
 
     def _initial(self) -> Iterator[str]:
-        """Statements that set what is not zero after a reset."""
+        """Yield C statements that set, after a reset, each element of the state that is not zero."""
         for path, array in self._state():
             flat = array.ravel()
             places = np.flatnonzero((flat != 0) | np.signbit(flat) if flat.dtype.kind == "f" else flat != 0)
@@ -144,7 +144,7 @@ class _Program:
                 yield f"    state->{path}[{k}] = {literal(flat[k])};\n"
 
     def _seal(self) -> str:
-        """The seal of what is carried on: as the core's `fold_words`, array by array in the extents in use."""
+        """Return C of the checksum of the carried state, array by array as the core's `fold_words`."""
         state = self.port.memory.parts.state
         first = state._fields.index(self.port.carried)
         lines = [template("seal.c", {}),
@@ -181,7 +181,7 @@ class _Program:
         yield from self._apart(STATE).items()
 
     def _saved(self) -> dict[str, object]:
-        """The code that saves and restores: the same bytes as the Python estimator's."""
+        """Return the values of the template save.c: C that saves and restores the Python estimator's bytes."""
         head = self.port.preface
         rows = [", ".join(map(str, head[k:k + BYTES_A_LINE])) for k in range(0, len(head), BYTES_A_LINE)]
         kinds = [(path, array.size, "numbers" if array.dtype.kind == "f" else "words")
@@ -192,7 +192,7 @@ class _Program:
         return {"preface": ",\n    ".join(rows), "saves": saves, "restores": restores, "seal": self.seal}
 
     def sizes(self) -> dict[str, object]:
-        """The configuration in words, and its sizes."""
+        """Return values for the templates: version, names and numbers of the configuration, bytes of memory."""
         config = self.config
         return {"version": __version__, "digest": hashlib.sha256(self.port.preface).hexdigest()[:16],
                 "formulation": config.formulation, "library": ", ".join(config.terms),
@@ -203,7 +203,7 @@ class _Program:
                 "largest": max(array.size for kind in (FIXED, STATE, WORK) for _, array in self._all(kind))}
 
     def _all(self, kind: str) -> Iterator[tuple[str, np.ndarray]]:
-        """Every array of a part, and of what stands apart of its kind."""
+        """Yield (C path, array) of all memory that is fixed, persists or is scratch (`kind`)."""
         yield from _arrays(getattr(self.port.memory.parts, kind), kind)
         yield from self._apart(kind).items()
 
@@ -213,7 +213,7 @@ class _Program:
         return "\n".join([f"    {self.unit.struct(self.structs[kind])} {kind};", *apart])
 
     def _bytes(self, kind: str) -> int:
-        """The bytes of the arrays."""
+        """Return the bytes of all memory that is fixed, persists or is scratch (`kind`)."""
         return sum(max(array.nbytes, array.itemsize) for _, array in self._all(kind))
 
     def source(self) -> str:
@@ -281,7 +281,7 @@ def _initialiser(value: Any, depth: int = 1) -> str:
 
 
 def core_module(name: str) -> ModuleType:
-    """A module of the core by the last part of its name."""
+    """Return the imported module of launchid_core whose dotted path ends in `name`."""
     return next(module for path, module in sorted(sys.modules.items())
                 if path.startswith("launchid_core.") and path.endswith(f".{name}"))
 
@@ -290,7 +290,7 @@ def core_module(name: str) -> ModuleType:
 
 
 class Unit:
-    """Kernels are translated when they are asked for, once for each kinds of arguments."""
+    """The C file being made.  A kernel is translated when first asked for, once for each choice of argument kinds."""
 
     def __init__(self) -> None:
         self.kernels: dict[Key, Kernel] = {}
@@ -304,8 +304,8 @@ class Unit:
         self.own = ""       # C that is written by hand
 
     def kernel(self, dispatcher: Any, kinds: Iterable[Kind], given: Callable[[], list[Fact]] | None = None) -> Kernel:
-        """The translation of a kernel for arguments of these kinds; given: what its first call says of them, which is
-        taken for what all say until `settle` has asked the others."""
+        """Return the translation of a kernel for arguments of these kinds.  given: returns facts of the arguments in
+        its first call; the translation relies on them until `settle` has compared all calls."""
         function = getattr(dispatcher, "py_func", dispatcher)
         key = function, tuple(kinds)
         if key not in self.kernels:
@@ -320,7 +320,7 @@ class Unit:
         return self.kernels[key]
 
     def c(self, kind: Kind) -> str:
-        """The C type of a kind; a struct is declared when first met."""
+        """Return the C type of a kind; a struct is declared when first met."""
         if isinstance(kind, (Scalar, Array)):
             return kind.c
         assert not isinstance(kind, Known)
@@ -333,7 +333,7 @@ class Unit:
         return self.structs[kind]
 
     def struct(self, kind: Struct) -> str:
-        """The C name of a named tuple's struct; it is declared when first met, in the header."""
+        """Return the C name of a named tuple's struct, which is declared in the header when first met."""
         key = _writable(kind)
         if key not in self.structs:
             fields = zip(kind.fields, kind.kinds, strict=True)
@@ -354,7 +354,7 @@ class Unit:
         return f"{self.struct(kind)} {name};"
 
     def constant(self, module: str, name: str, value: Any) -> str:
-        """The C name of a module's constant, MODULE_NAME."""
+        """Return the C name, MODULE_NAME, of a module's constant, which is defined when first met."""
         home = defined_in(module, name)
         label = f"{home.rsplit('.', 1)[-1]}_{name}".upper()
         if label not in self.constants:
@@ -362,7 +362,7 @@ class Unit:
         return label
 
     def settle(self, roots: dict[Key, list[Fact]]) -> None:
-        """Tell each kernel what its calls have in common, until none learns more; roots: what is given from outside."""
+        """Translate kernels again until each relies on facts that all its calls share.  roots: facts of outer calls."""
         news = self._news(roots)
         while news:
             while news:
@@ -372,7 +372,7 @@ class Unit:
             news = self._news(roots)
 
     def _news(self, roots: dict[Key, list[Fact]]) -> dict[Kernel, list[Fact]]:
-        """Kernels that are called, and what their calls have in common, where they do not know it yet."""
+        """Return called kernels -> facts that all their calls share, where the kernel relies on others."""
         found = {self.kernels[key]: facts for key, facts in roots.items()}
         waiting = list(found)
         while waiting:
@@ -386,7 +386,7 @@ class Unit:
         return {kernel: facts for kernel, facts in found.items() if any(map(differ, facts, kernel.given))}
 
     def source(self) -> str:
-        """Constants, structs of results and functions, as far as they are used."""
+        """Return C of the constants, result structs and functions that are used."""
         functions = [made.source() for made in self.order if made in self.reached or not self.reached]
         used = set(re.findall(r"\w+", "\n".join(functions) + self.own))
         constants = {label: text for label, text in self.constants.items() if label in used}
@@ -397,7 +397,7 @@ class Unit:
 
 
 def _writable(kind: Kind) -> Kind:
-    """A struct without what says that it may not be written to; one of addresses keeps that of each."""
+    """Return a struct or array kind without `constant`; a struct of pointers keeps it for what they point to."""
     if isinstance(kind, Struct):
         return replace(kind, constant=False,
                        kinds=kind.kinds if kind.placed else tuple(_writable(each) for each in kind.kinds))
@@ -427,7 +427,7 @@ def _tree(module: str) -> ast.Module:
 
 @cache
 def defined_in(module: str, name: str) -> str:
-    """Return the module that defines `name`, following relative imports."""
+    """Return the dotted path of the module that defines `name`, following relative imports from `module`."""
     for node in _tree(module).body:
         if isinstance(node, ast.ImportFrom) and node.level > 0:
             for alias in node.names:

@@ -1,8 +1,8 @@
-"""Replay vectors of an export: flights, and what the Python estimator answers to them, as the bits of C arrays.
+"""Replay vectors of the C export: flights and the Python estimator's answers to them, as bits in C arrays.
 
-Together the flights reach what the estimator has: a plain one; one of faults, a row of FAULTS each; one in pieces; two
-that change their regime; sensors that stand still; rest.  What takes minutes, or an upset memory, to come about is in
-`upsets.txt`: words of a checkpoint that are others for some samples, found by a search for what was not reached.
+The flights together reach every branch that a short flight can: a plain one; faults of samples (FAULTS); gaps; two
+changes of regime; sensors that stand still; rest.  What takes minutes or an upset memory is listed in `upsets.txt`:
+words of a checkpoint that are changed for some samples, found by a search for branches that were not reached.
 """
 
 import functools
@@ -36,12 +36,12 @@ Flight = list[Sample]  # after a reset
 
 
 class Upset(NamedTuple):
-    """Words of a checkpoint that are others while some samples are flown; then the flight is as it was.
+    """Words of a checkpoint that are changed while some samples are flown; then the checkpoint is restored.
 
-    flight         its number
-    window, place  before which sample: so many before that window's end; of window 0, so many after the flight's begin
-    flown          samples
-    words          array of the memory, place in it, what stands there; of the array `sample` a field of the first one
+    flight         index of the flight
+    window, place  the change comes `place` samples before that window's end; of window 0, after the flight's begin
+    flown          samples flown with the change
+    words          (array of the memory, index in it, new value); of array `sample`, index of a field of a sample
     """
 
     flight: int
@@ -51,12 +51,12 @@ class Upset(NamedTuple):
     words: list[tuple[str, int, float]]
 
     def before(self, rows: int) -> int:
-        """The number of the sample, in windows of so many rows."""
+        """Return the index in the flight of the sample before which the change comes; rows: samples of a window."""
         return self.window * rows - self.place if self.window > 0 else self.place
 
 
 def upsets() -> list[Upset]:
-    """Those of the file: a line each, words three by three after the numbers."""
+    """Return the upsets of upsets.txt: a line is flight, window, place, flown, then array, index, value for each."""
     found = []
     for line in UPSETS.read_text(encoding="utf-8").splitlines():
         flight, window, place, count, *words = line.split()
@@ -66,7 +66,7 @@ def upsets() -> list[Upset]:
 
 
 def flown(nominal: Nominal, config: Config) -> list[Flight]:
-    """The flights of a configuration."""
+    """Return the seven flights (lists of samples) that check the C estimator with this configuration."""
     rows = config.rows
     plain = _base(nominal, config, max(2 * rows + 2, FEWEST_SAMPLES))
     half = min(rows // 2, FEWEST_SAMPLES // 2)
@@ -79,7 +79,7 @@ def flown(nominal: Nominal, config: Config) -> list[Flight]:
 
 
 def _base(nominal: Nominal, config: Config, count: int, *effects: str) -> list[Sample]:
-    """A short flight of the nominal; of one that cannot be flown (no actuator, another period) sines."""
+    """Return `count` samples of a flight of the nominal; of two sines if it cannot be flown (no actuator)."""
     suite = "ideal" if config.formulation == "measured" else "flight"
     try:
         return list(itertools.islice(
@@ -125,14 +125,14 @@ FAULTS: tuple[tuple[int, Callable[[Sample], list[Sample]]], ...] = (  # number o
 
 
 def _faulty(plain: list[Sample]) -> Flight:
-    """Faults in the gate, outliers, gaps, a jump across half a turn; the clock is set back."""
+    """Return a flight with faults that the gate meets, outliers, gaps, a jump of half a turn, a clock set back."""
     faults = dict(FAULTS)
     samples = [each for k, sample in enumerate(plain[:180]) for each in faults.get(k, lambda s: [s])(sample)]
     return [*samples, *(s._replace(t=s.t - 3.0) for s in plain[180:240])]
 
 
 def _in_pieces(plain: list[Sample], rows: int, count: int) -> Flight:
-    """Windows that have too few samples, one that comes late, none, single ones, and pieces without a rate."""
+    """Return a flight of windows with too few samples, a late one, none, single ones, and pieces without a rate."""
     single = [3 * rows + 2 * k for k in range(count // 2)]
     pieces, at, length = list[int](), 4 * rows, 0
     while len(pieces) < 0.7 * count and at < 5 * rows:
@@ -146,7 +146,7 @@ def _in_pieces(plain: list[Sample], rows: int, count: int) -> Flight:
 
 
 def _standing(plain: list[Sample], rows: int) -> Flight:
-    """A window, and one in which a sensor after the other stands still."""
+    """Return a flight of a plain window, and one in which one sensor after the other stands still."""
     samples = plain[:rows]
     for k, s in enumerate(plain[rows:2 * rows + 2]):
         still, which = plain[rows + k - k % 30], k // 30 % 4
@@ -156,7 +156,7 @@ def _standing(plain: list[Sample], rows: int) -> Flight:
 
 
 def _still(plain: list[Sample], rows: int) -> Flight:
-    """At rest, so that nothing can be known; then motion too small for its squares."""
+    """Return a flight at rest, where nothing can be estimated; then motion so small that its squares vanish."""
     half, period = rows // 2 + 2, plain[1].t - plain[0].t
     samples = [Sample(s.t, 0.0, 0.0, 0.0, 0.0, 0.0) for s in plain[:half]]
     samples += [s._replace(t=s.t + rows * period, theta=1e-170 * s.theta, theta_dot=1e-170 * s.theta_dot,
@@ -168,19 +168,19 @@ def _still(plain: list[Sample], rows: int) -> Flight:
 
 
 def word(x: float) -> int:
-    """The bits of a number, a count's in two's complement."""
+    """Return the 64 bits of a float, or of an integer in two's complement, as an integer; NO_NUMBER for any NaN."""
     if not isinstance(x, float):
         return int(x) % 2**64
     return NO_NUMBER if math.isnan(x) else struct.unpack("<Q", struct.pack("<d", x))[0]  # type: ignore[no-any-return]
 
 
 def folded(words: Iterable[int]) -> int:
-    """Words as one, by FNV-1a."""
+    """Return one 64-bit hash of 64-bit words (FNV-1a from 0)."""
     return functools.reduce(lambda all_, each: (all_ ^ each) * PRIME % 2**64, words, 0)
 
 
 def of_window(e: Estimate) -> list[Any]:
-    """What leaves with a window, in the order of check.c."""
+    """Return the numbers of an estimate in the order of check.c; NaN or 0 for an optional part that is missing."""
     tracked = e.tracked or (False, *(NOT_MEASURED,) * 5)
     offsets = [x for name in OFFSETS for x in e.offsets.get(name, (NOT_MEASURED, NOT_MEASURED))]
     servo = [x for each, shared in zip(e.actuator.values(), e.actuator_corr, strict=True) for x in (*each, shared)] \
@@ -203,7 +203,7 @@ def _of_levels(e: Estimate) -> Iterator[Any]:
 
 
 def of_end(estimator: Estimator) -> list[Any]:
-    """What is known at a flight's end: changes, interventions, answers."""
+    """Return the numbers that check.c compares at a flight's end: changes, counts of interventions and statuses."""
     changes = estimator.changes()
     counts = estimator.counts
     return [len(changes), *(x for c in changes for x in (ord(c.parameter[0]), c.t, c.t_std, c.before, c.after,
@@ -213,8 +213,8 @@ def of_end(estimator: Estimator) -> list[Any]:
 
 
 class _Answers:
-    """The words of the Python estimator's answers to flights, and rows of the upsets: sample, byte of the saved state
-    (behind it, field of the sample), the word there, samples flown; 0: another word follows."""
+    """`words`: the Python estimator's answers to flights; `rows`: upsets as (sample, byte of the saved state, or behind
+    it field of the sample, new word, samples flown, or 0 if another word follows)."""
 
     def __init__(self, config: Config) -> None:
         self.estimator, self.words, self.rows = Estimator(config), list[int](), list[list[int]]()
@@ -225,7 +225,7 @@ class _Answers:
         self.arrays = {name: (at, array) for (name, array), at in zip(arrays, ends, strict=False)}
 
     def has(self, upset: Upset) -> bool:
-        """Whether the configuration has all words of an upset."""
+        """Whether the memory of this configuration has all words that an upset changes."""
         return all(name == "sample" or (name in self.arrays and place < self.arrays[name][1].size)
                    for name, place, _ in upset.words)
 
@@ -254,14 +254,13 @@ class _Answers:
         self.answer(of_end(self.estimator))
 
     def put(self, saved: bytearray, name: str, place: int, bits: int) -> tuple[int, int]:
-        """Write a word; returns its byte, and it."""
+        """Write a word in place into a saved state, at index `place` of array `name`; return its byte and the word."""
         at = self.begin + 8 * (self.arrays[name][0] + place)
         saved[at:at + 8] = bits.to_bytes(8, "little")
         return at, bits
 
     def seals(self, saved: bytearray, upset: Upset) -> Iterator[tuple[str, int, int]]:
-        """Seals of clock and counts, and of rows of the ring, that fit an upset's words; what is carried on is sealed
-        anew by `restore`."""
+        """Yield (array, index, seal) of clock, counts and rows of the ring that fit an upset's words."""
         ring, changed = core_module("ring"), {name for name, _, _ in upset.words}
         if changed & {"state.clock", "state.counts"}:
             yield "state.guard", 0, self.seal(saved, "state.clock", 0, ring.N_CLOCK + ring.COUNT_FIRST)
@@ -269,7 +268,7 @@ class _Answers:
             yield "seals", row, self.seal(saved, "ring", row * ring.N_COLUMNS, ring.N_COLUMNS)
 
     def seal(self, saved: bytearray, name: str, place: int, count: int) -> int:
-        """What `guard.fold` makes of so few words."""
+        """Return the checksum that `guard.fold` gives of `count` words from index `place` of array `name`."""
         begin, seal = self.begin + 8 * (self.arrays[name][0] + place), 0
         for k in range(count):
             bits = int.from_bytes(saved[begin + 8 * k:begin + 8 * k + 8], "little")
@@ -277,7 +276,7 @@ class _Answers:
         return seal
 
     def fly_upset(self, upset: Upset, kept: bytes, samples: Flight, number: int) -> None:
-        """What `fly_upset` of check.c does: the answers become one word."""
+        """Fly samples from the checkpoint `kept` with an upset's words; the answers become one word, as in check.c."""
         saved, fields, outer = bytearray(kept), [float(x) for x in samples[0]], self.words
         rows = list[list[int]]()
         for name, place, value in upset.words:
@@ -298,13 +297,13 @@ class _Answers:
         self.words = [*outer, folded(self.words)]
 
     def state_of(self, saved: bytes) -> int:
-        """The words of a saved state as one, every NaN the same: its sign is the machine's."""
+        """Return a hash of a saved state's words, with one bit pattern for all NaN (the sign is the machine's)."""
         words = np.frombuffer(saved[self.begin:-4], "<u8")
         return folded(np.where(words << np.uint64(1) <= np.uint64(0xFFE0000000000000), words, NO_NUMBER).tolist())
 
 
 def header(config: Config, flights: list[Flight]) -> str:
-    """The text of vectors.h."""
+    """Return the text of vectors.h: samples of the flights, upsets, and the Python estimator's answers to them."""
     answers, ends = _Answers(config), list(itertools.accumulate(map(len, flights)))
     with np.errstate(all="ignore"):  # in plain Python numpy would warn of what a status says
         for k, (flight, end) in enumerate(zip(flights, ends, strict=True)):

@@ -1,4 +1,4 @@
-"""Curves on a page that one can zoom into and read: uPlot and what the report and the live page share of it, inlined.
+"""Charts on a page that one can zoom into: uPlot, and style and script that reports and the live page share, inlined.
 
 uPlot (https://github.com/leeoniya/uPlot, 1.6.32 of May 2025, MIT) draws time series: 51 kB of script without
 dependencies, for cursor, zoom, scales, axes and legend.  dygraphs is 2.5 times as large, Plotly 95 times.  A page loads
@@ -12,7 +12,7 @@ MARKS = {"/* charts.css */": ("uPlot.min.css", "charts.css"), "/* charts.js */":
 
 
 def inlined(page: str) -> str:
-    """The page with style and script in place of their marks, where each first stands."""
+    """Return the page (HTML) with the charts' style and script in place of the first of each key of MARKS."""
     licence = (FOLDER / "LICENCE-uPlot.txt").read_text(encoding="utf-8")
     for mark, names in MARKS.items():
         parts = [f"/* uPlot: {licence} */", *((FOLDER / name).read_text(encoding="utf-8") for name in names)]

@@ -1,4 +1,4 @@
-"""A matplotlib figure of curves as what `charts.js` draws again, so that a picture is described once.
+"""Turn a matplotlib figure of curves into JSON that `charts.js` draws again, so that a picture is described once.
 
     {"columns", "arrays": [[...]], "panels": [{"row", "rows", "column", "columns", "height" [px], "group", "title", "x",
      "abscissa", "log", "xlim", "ylim", "series": [{"x", "y" (indices of arrays), "label", "color", "width", "dash",
@@ -25,14 +25,14 @@ Json = dict[str, Any]
 
 
 class Arrays:
-    """Arrays of numbers as lists for JSON, each once: nan is null."""
+    """Distinct arrays of numbers as lists for JSON (`lists`); NaN is null."""
 
     def __init__(self) -> None:
         self.lists: list[list[float | None]] = []
         self._places: dict[bytes, int] = {}
 
     def place(self, x: np.ndarray, digits: int) -> int:
-        """The index of x in `lists`, where it is put unless it is there."""
+        """Return the index of x (n,) in `lists`, where it is added, rounded to `digits` digits, unless it is there."""
         key = x.tobytes()
         if key not in self._places:
             self._places[key] = len(self.lists)
@@ -41,7 +41,7 @@ class Arrays:
 
 
 def figure_json(figure: Figure) -> Json | None:
-    """The figure as JSON; None of one that holds more than lines, bands and words (bars, error bars, an image)."""
+    """Return the figure as JSON; None if it holds more than lines, bands and words (bars, error bars, an image)."""
     axes = figure.axes
     if not axes or any(axis.containers or axis.images or axis.collections for axis in axes):
         return None
@@ -80,7 +80,7 @@ def _panel(axis: Any, axes: list[Any], arrays: Arrays, styles: dict[Any, str]) -
 
 
 def _marks(axis: Any) -> list[Json]:
-    """Bands and lines across the panel, and words in it."""
+    """Return bands and lines across the panel, and words in it, as JSON."""
     across = {"x": axis.get_xaxis_transform(which="grid"), "y": axis.get_yaxis_transform(which="grid")}
     marks: list[Json] = []
     for name, column in (("x", 0), ("y", 1)):
@@ -104,12 +104,12 @@ def _style(line: Any) -> tuple[Any, ...]:
 
 
 def _words(text: str) -> str:
-    """A text in one line, without what is only for matplotlib."""
+    """Return a text in one line, without matplotlib's markup."""
     return re.sub(r"\s+", " ", str(text).replace("$^2$", "\u00b2").replace("+-", "\u00b1"))
 
 
 def _thinned(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Indices of the points that are kept."""
+    """Return the indices of at most MOST_POINTS points: the lowest and highest of each group of neighbours."""
     many = len(x) // (MOST_POINTS // 2)
     if len(x) <= MOST_POINTS:
         return np.arange(len(x))

@@ -1,4 +1,4 @@
-"""The page of a report: one file that needs no network; where the browser runs scripts it draws the figures again."""
+"""HTML of a report's page: one file that needs no network; a browser with scripts draws the figures as charts."""
 
 import base64
 import json
@@ -12,12 +12,12 @@ from . import inlined
 
 
 def text(words: object) -> str:
-    """Words as HTML."""
+    """Return words as HTML, special characters escaped."""
     return escape(str(words)).replace("+-", "&plusmn;").replace("-&gt;", "&rarr;")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], chosen: Sequence[bool] = ()) -> str:
-    """A table of cells that are HTML already; '' without rows. `chosen` rows are set off."""
+    """Return an HTML table of a text head and rows of HTML cells, "" without rows; `chosen` rows are set off."""
     marks = ['<tr class="chosen">' if mark else "<tr>" for mark in chosen]
     body = [f"{marks[k] if k < len(marks) else '<tr>'}{''.join(f'<td>{cell}</td>' for cell in row)}</tr>"
             for k, row in enumerate(rows)]
@@ -26,7 +26,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], chosen: Sequence[b
 
 
 def list_of(items: Sequence[str]) -> str:
-    """One as it is, more as a list; HTML in and out."""
+    """Return HTML of the items (HTML too): a single one as it is, several as a list."""
     return items[0] if len(items) == 1 else f"<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>"
 
 
@@ -34,10 +34,10 @@ TEMPLATE = Path(__file__).with_name("page.html")
 
 
 def page(headline: str, above: str, colour: str, first: str, sections: Sequence[tuple[str, str]]) -> str:
-    """Return the whole page.
+    """Return the whole page as HTML.
 
-    headline, above   the title, and the words above it;  colour  of their band
-    first             the first screen, as HTML;  sections  (title, HTML), those without any are left out
+    headline, above   title, and the line above it, as text;  colour: of the band behind them
+    first             HTML of the first screen;  sections: (title, HTML) each, those without HTML are left out
     """
     parts = [(title, body) for title, body in sections if body]
     links = "".join(f'<a href="#s{k}">{text(title)}</a> ' for k, (title, _) in enumerate(parts))
@@ -48,8 +48,8 @@ def page(headline: str, above: str, colour: str, first: str, sections: Sequence[
 
 
 def picture(name: str, title: str, caption: str, png: bytes, live: dict[str, Any] | None) -> str:
-    """Return a figure of the page: its PNG, and what a browser with scripts draws in the place of that (`figure_json`);
-    `name` is its own on the page."""
+    """Return HTML of a figure: its PNG and, in browsers with scripts, the chart of `live` (`figure_json`; None: none)
+    in its place; `name` is the chart's id on the page."""
     chart = "" if live is None else (
         f'<div class="chart" id="{name}"><script type="application/json">'
         + json.dumps(live, separators=(",", ":"), allow_nan=False).replace("</", "<\\/") + "</script></div>")

@@ -1,4 +1,4 @@
-"""A command's report: a folder with one page that needs no network, the answer as JSON, the figures as pictures."""
+"""Write a command's report: a folder with one page that needs no network, the result's JSON, the figures as PNG."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ Words = Sequence[tuple[str, str]]
 
 
 class Picture(NamedTuple):
-    """A figure of a report: its heading, how to read it, and what draws it (None: there is none of this answer)."""
+    """A figure of a report: its heading, how to read it, and the function that draws it (None: nothing to draw)."""
 
     heading: str
     caption: str
@@ -28,15 +28,15 @@ class Picture(NamedTuple):
 
 def write_report(folder: str | Path, headline: str, above: str, first: str, pictures: Mapping[str, Picture],
                  json: tuple[str, str], glossary: Words, colour: str = COLOUR) -> None:
-    """Write a report into a folder that is made if need be; pictures of an earlier one that this one lacks are removed.
+    """Write a report into a folder, made if there is none; pictures of an earlier report that it lacks are removed.
 
     Parameters
     ----------
     folder : where to
-    headline, above : the title of the page, and the words above it
+    headline, above : the title of the page, and the line above it
     first : the first screen, as HTML
     pictures : name of the file -> picture
-    json : name of the file, and what is in it
+    json : name of the file, and its text
     glossary : words of the page and their meaning
     colour : of the band behind the title
     """
@@ -53,7 +53,7 @@ def write_report(folder: str | Path, headline: str, above: str, first: str, pict
 
 
 def drawn(pictures: Mapping[str, Picture], folder: Path) -> str:
-    """Return the figures as they stand on the page, each written into the folder too."""
+    """Draw the pictures, write each into the folder under its name, and return their HTML for the page."""
     try:
         from sim.canvas import save
 
@@ -74,5 +74,5 @@ def drawn(pictures: Mapping[str, Picture], folder: Path) -> str:
 
 
 def paragraphs(lines: Sequence[str]) -> str:
-    """Return lines as notes of a page."""
+    """Return lines of text as HTML, a paragraph of a page's notes each."""
     return "".join(f'<p class="note">{text(line)}</p>' for line in lines)

@@ -1,1 +1,1 @@
-"""The terminal: options, messages, exit statuses."""
+"""The command line: parser and options, messages and progress, exit statuses."""

@@ -1,4 +1,4 @@
-"""Parts that the commands share: reading a log aloud, refusing outputs early, printing an answer."""
+"""Steps that the commands share: read inputs and print notes on them, refuse outputs early, print a result."""
 
 from typing import TYPE_CHECKING
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 
 def warn(result: "Answer") -> None:
-    """Print the warnings of an answer on stderr."""
+    """Print the warnings of a command's result on stderr, one a line."""
     for line in result.warnings:
         say(line)
 
 
 def tell(result: "Answer", json_path: str | None, plot_path: str | None = None) -> None:
-    """Print and write an answer: warnings, figure, JSON, and the summary unless stdout is the JSON's."""
+    """Print a result's warnings and summary, write its figure and JSON; json_path "-": JSON on stdout, no summary."""
     warn(result)
     if plot_path:
         result.plot(plot_path)
@@ -35,27 +35,27 @@ def tell(result: "Answer", json_path: str | None, plot_path: str | None = None) 
 
 
 def check_outputs(*paths: str | None) -> None:
-    """Refuse an output that cannot be written before anything is computed; after the inputs are read."""
+    """Raise InputError if a file cannot be written (None and "-" pass); for use before anything is computed."""
     for path in paths:
         if path and path != "-":
             check_output(path)
 
 
 def check_folders(*paths: str | None) -> None:
-    """The same of a folder."""
+    """Raise InputError if a folder cannot be made or written to (None passes); for use before anything is computed."""
     for path in paths:
         if path:
             check_folder(path)
 
 
 def at_least(name: str, value: int, low: int) -> None:
-    """UsageError unless value >= low."""
+    """Raise UsageError, which names the option `name`, unless value >= low."""
     if value < low:
         raise UsageError(f"{name} {value}: expected an integer of at least {low}")
 
 
 def read_noting(path: str, *required: str, map_path: str | None = None) -> "Log":
-    """Read a log, of another format with the map at `map_path`, and say which columns were ignored."""
+    """Read a log (of another format with the map at `map_path`), and print on stderr which columns were ignored."""
     from ..log.log import REQUIRED, read_log
     report(f"reading {path}")
     if map_path:
@@ -73,7 +73,7 @@ def read_noting(path: str, *required: str, map_path: str | None = None) -> "Log"
 
 
 def read_nominal(path: str) -> "Nominal":
-    """Read a nominal, and say at once what can only be a mistake in it."""
+    """Read a nominal, and print a warning on stderr if its controller turns the vehicle away from its reference."""
     from sim.nominal import load_nominal, wrong_feedback
     nominal = load_nominal(path)
     if warning := wrong_feedback(nominal):
@@ -82,7 +82,7 @@ def read_nominal(path: str) -> "Nominal":
 
 
 def check_plot(path: str | None) -> None:
-    """Refuse a plot that cannot be drawn before anything is computed."""
+    """Raise UsageError if no figure format has the path's suffix (None passes); for use before anything is computed."""
     if path:
         from sim.canvas import check_suffix
         check_suffix(path)

@@ -1,4 +1,4 @@
-"""What a command does while it compiles: says so, counts, and lets a second process help where a core is idle."""
+"""Announce and count the compilation of kernels, and start a second process that helps where a core is idle."""
 
 import atexit
 import dataclasses
@@ -25,12 +25,12 @@ def cores() -> int:
 
 
 def has_idle_core() -> bool:
-    """Whether a core is left beside this process' own."""
+    """Whether the load average leaves a core idle beside the one of this process."""
     return cores() > 1 and (not hasattr(os, "getloadavg") or os.getloadavg()[0] < cores() - 1)
 
 
 class Compilation:
-    """What is said and done when kernels are compiled, in this process or in one forked from it."""
+    """Listener to compiled kernels, here and in forked processes: announces, counts, and starts one helper process."""
 
     def __init__(self) -> None:
         self.said = mmap.mmap(-1, 1)  # shared with forked workers
@@ -63,12 +63,12 @@ class Compilation:
 
 
 def announce() -> None:
-    """Announce compilations on stderr from now on, and share them."""
+    """Announce compilations on stderr from now on, and start a helper process where a core is idle."""
     compile_listeners.append(Compilation())
 
 
 def hush() -> None:
-    """Say nothing of compilations any more; they are shared all the same."""
+    """Print nothing about compilations from now on (--quiet); a helper process is still started."""
     for listener in compile_listeners:
         if isinstance(listener, Compilation):
             listener.is_quiet = True
@@ -77,7 +77,7 @@ def hush() -> None:
 def compile_formulation(formulation: str, backwards: bool = False, is_whole: bool = False, **choices: Any) -> bool:
     """Compile what an estimator of the formulation needs, if it can be kept on disk; return whether it can.
 
-    is_whole: of a filtered one, what more terms, a servo that is not known and a range need, too.
+    is_whole: "filtered" also with more terms, an unknown servo and a range; backwards: the last kernels first
     """
     from launchid_core import Config, precompile
     from sim.nominal import load_nominal
@@ -91,7 +91,7 @@ def compile_formulation(formulation: str, backwards: bool = False, is_whole: boo
 
 
 def end_with_parent() -> None:
-    """End this process, when it next compiles a kernel, if the one that started it has ended."""
+    """End this process, when it next compiles a kernel, if the process that started it has ended."""
     parent = os.getppid()
 
     def look(module: str, name: str) -> None:
@@ -102,7 +102,7 @@ def end_with_parent() -> None:
 
 
 def help_from_the_end(formulation: str) -> None:
-    """Compile the entries of a formulation from the last on, until all are there."""
+    """Compile a formulation's kernels in a helper process, from the last on, until all are compiled."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     end_with_parent()
     compile_formulation(formulation, backwards=True)

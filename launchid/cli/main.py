@@ -1,10 +1,9 @@
 """The command `launchid` (`python -m sim` is the same).
 
-Exit status: 0 done; 2 wrong usage; 3 bad input; one line on stderr, never a
-traceback.  stdout is data, stderr is talk.
+Exit status: 0 done; 2 wrong usage; 3 bad input; one line on stderr, never a traceback.  stdout has data alone.
 
-What a command needs is imported when it runs, its files are read before anything
-is that compiles: help, wrong words and missing files answer at once.
+What a command needs is imported when it runs, its files are read before anything is that compiles: help, wrong words
+and missing files answer at once.
 """
 
 import contextlib
@@ -44,7 +43,7 @@ COMMANDS = (simulate, show, identify, nominal, diagnose, compare, margins, uncer
 
 
 def parser() -> Parser:
-    """The command's words."""
+    """Return the parser of `launchid` with all commands and their options."""
     top = Parser(prog="launchid", description="Identify a launch vehicle's a6 and k1, in flight and from logs.",
                  epilog="launchid COMMAND --help lists the options of one command. Files and units: docs/formats.md. "
                         "Exit status: 0 done, 2 wrong usage, 3 bad input.")
@@ -56,7 +55,7 @@ def parser() -> Parser:
 
 
 def complete(top: Parser) -> None:
-    """A shell that asks what could come next is answered, and that is all (argcomplete, where it is installed)."""
+    """Print the shell's completions and exit, if the shell asks for them (argcomplete, where it is installed)."""
     if "_ARGCOMPLETE" in os.environ:
         with contextlib.suppress(ModuleNotFoundError):
             import argcomplete
@@ -64,7 +63,8 @@ def complete(top: Parser) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status."""
+    """Run `launchid` with these arguments (None: sys.argv[1:]); return the exit status: 0 done, 2 wrong usage, 3 bad
+    input, 130 interrupted by Ctrl-C."""
     open_streams()
     try:
         try:

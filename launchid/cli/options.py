@@ -1,4 +1,4 @@
-"""Words that several commands share: their help, their options."""
+"""Options that several commands share, with their help, and the class of the parser."""
 
 import argparse
 import inspect
@@ -16,7 +16,7 @@ LOG_HELP = ("read this CSV log: columns t, theta, beta [s, rad, rad] and what el
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse with one line per error."""
+    """argparse.ArgumentParser that raises UsageError in one line, with the nearest word as a hint."""
 
     def error(self, message: str) -> NoReturn:
         if wrong := re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message):
@@ -26,7 +26,7 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{self.prog}: {message} (see {self.prog} --help)")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Refuse what is left over here, where the options are known among which it may be meant."""
+        """Parse arguments; those left over are refused here, where the options of this command are known for a hint."""
         parsed, left = super().parse_known_args(args, namespace)
         if left:
             hint = did_you_mean(left[0].partition("=")[0], self._option_string_actions) if left[0][:1] == "-" else ""
@@ -36,8 +36,8 @@ class Parser(argparse.ArgumentParser):
 
 def add_command(commands: Any, name: str, text: str, example: str,
                 function: Callable[..., Any] | None = None) -> Parser:
-    """Add a command with its help and one example; the defaults of its options are those of the function's parameters.
-    Return its parser."""
+    """Add a command with help, one example and --quiet to argparse's subparsers `commands`, its options' defaults from
+    `function`'s parameters; return its parser."""
     sub: Parser = commands.add_parser(name, help=text, description=f"{name}: {text}.",
                                       epilog=f"example: {example}")
     if function is not None:
@@ -48,19 +48,20 @@ def add_command(commands: Any, name: str, text: str, example: str,
 
 
 def defaults(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the keyword parameters of a command's function that have a default."""
+    """Return name -> default of a function's keyword-only parameters that have one."""
     return {name: each.default for name, each in inspect.signature(function).parameters.items()
             if each.kind is each.KEYWORD_ONLY and each.default is not each.empty}
 
 
 def given(function: Callable[..., Any], args: argparse.Namespace) -> dict[str, Any]:
-    """Return what the command line says of the keyword parameters of a command's function."""
+    """Return name -> parsed value of those options that are keyword-only parameters of the command's function."""
     return {name: getattr(args, name) for name, each in inspect.signature(function).parameters.items()
             if each.kind is each.KEYWORD_ONLY and hasattr(args, name)}
 
 
 def add_nominal(sub: argparse.ArgumentParser, help: str, required: bool = False) -> None:
-    """Add the nominal after the log, or as --nominal; `nominal_of` reads either."""
+    """Add the nominal as an argument after the log, or as --nominal; `nominal_of` reads it, and refuses to go without
+    it if `required`."""
     sub.add_argument("nominal", metavar="NOMINAL.toml", nargs="?", help=help)
     sub.add_argument("--nominal", metavar="NOMINAL.toml", dest="nominal_option",
                      help="give the nominal as an option (default: none)")
@@ -68,7 +69,7 @@ def add_nominal(sub: argparse.ArgumentParser, help: str, required: bool = False)
 
 
 def nominal_of(args: argparse.Namespace) -> str | None:
-    """Return the nominal's path or name; UsageError where it is given twice, or is needed and not given."""
+    """Return the nominal's path or name from parsed arguments; UsageError if given twice, or required and missing."""
     if args.nominal and args.nominal_option:
         raise UsageError(f"{args.nominal} and --nominal {args.nominal_option}: expected one nominal")
     given: str | None = args.nominal or args.nominal_option
@@ -78,27 +79,27 @@ def nominal_of(args: argparse.Namespace) -> str | None:
 
 
 def add_map(sub: argparse.ArgumentParser) -> None:
-    """Add --map, which makes other people's files logs."""
+    """Add --map MAP.toml, which reads files of other formats, names and units as logs."""
     sub.add_argument("--map", metavar="MAP.toml",
                      help="read the log with this map of names and units: a ULog, DataFlash, MCAP, MAT, HDF5, Parquet "
                           "or other text file; see docs/convert.md (default: none, the log is CSV in SI units)")
 
 
 def add_strict(sub: argparse.ArgumentParser) -> None:
-    """Add --strict, which makes the data check's warning a refusal."""
+    """Add --strict, which refuses a log (exit status 3) where the data check finds a fault, instead of a warning."""
     sub.add_argument("--strict", action="store_true",
                      help="refuse a log in which the data check finds something (units, signs, stamps): exit status 3 "
                           "instead of a warning")
 
 
 def add_report(sub: argparse.ArgumentParser, name: str) -> None:
-    """Add --report; `name` of the JSON in it."""
+    """Add --report DIR, the folder of report.html; name: the JSON file beside it, for the help."""
     sub.add_argument("--report", metavar="DIR", help=f"write report.html, {name} and the figures into this folder "
                                                      "(default: none)")
 
 
 def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
-    """Add --json and, with `plot`, --plot: where the answer goes beside the terminal."""
+    """Add --json PATH and, with `plot`, --plot PATH, which write the result to files."""
     sub.add_argument("--json", metavar="PATH|-", help="also write the answer as JSON to this file; -: print the "
                                                       "JSON alone, on stdout (default: none)")
     if plot:
@@ -107,7 +108,7 @@ def add_outputs(sub: argparse.ArgumentParser, plot: bool = False) -> None:
 
 
 def add_choices(sub: argparse.ArgumentParser, library: str = "%(default)s") -> None:
-    """Add the estimator's options; `library` is the default of --library as its help names it."""
+    """Add the estimator's options (library, formulation, solver, ...); library: --library's default in its help."""
     sub.add_argument("--compression", type=int, metavar="N",
                      help="use one of N rows of a window, drawn at random (default %(default)s: all)")
     sub.add_argument("--library", metavar="NAME|TERMS",

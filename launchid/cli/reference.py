@@ -1,4 +1,4 @@
-"""The reference of what there is: the catalogue of effects, and every command with its options.
+"""Reference of the catalogue of effects (`launchid effects`), and of every command with its options (docs/commands.md).
 
 `docs/commands.md` is `commands_page` of the parser; after a change of words: `write_page(parser(), "docs/commands.md")`
 of `launchid.cli.main.parser`.
@@ -30,7 +30,7 @@ Completion in the shell: `pip install 'launchid[completion]'`, then in the profi
 
 
 def effects_report() -> dict[str, Any]:
-    """The catalogue as JSON."""
+    """Return the catalogue of effects for JSON: name, place, meaning and parameters of each."""
     return {"effects": [{
         "effect": name, "where": cause.where, "diagnosed": True, "meaning": MEANING.get(name, ""),
         "parameters": [_parameter_json(parameter) for parameter in cause.parameters]}
@@ -47,7 +47,7 @@ def _parameter_json(parameter: Parameter) -> dict[str, Any]:
 
 
 def effects_table() -> str:
-    """The catalogue for a terminal."""
+    """Return the catalogue of effects as text for a terminal."""
     lines = ["Causes that `simulate --effect NAME:PARAMETER=VALUE,...` and [[effects]] fly and `diagnose` looks for.",
              "u is the command on its way to the actuator, b the true nozzle angle, z_ the measured signals."]
     for name, cause in CATALOGUE.items():
@@ -63,7 +63,7 @@ def _in_words(parameter: Parameter) -> str:
 
 
 class Effects(Answer):
-    """The catalogue as an answer."""
+    """The catalogue of effects as a command's result."""
 
     def __init__(self) -> None:
         self.report = effects_report()
@@ -82,7 +82,7 @@ class Effects(Answer):
 
 
 def commands_page(parser: argparse.ArgumentParser) -> str:
-    """Every command of the parser as a page of Markdown."""
+    """Return a page of Markdown with every command of the parser and its options."""
     (commands,) = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
     parts = [PAGE_HEAD]
     for name, sub in commands.choices.items():
@@ -97,7 +97,7 @@ def commands_page(parser: argparse.ArgumentParser) -> str:
 
 
 def _word(action: argparse.Action) -> str:
-    """`--option VALUE` or the argument's name."""
+    """Return `--option VALUE` of an option, or the name of a positional argument."""
     value = "" if action.nargs == 0 else str(action.metavar or "|".join(map(str, action.choices or ())))
     return " ".join([*action.option_strings[-1:], value]).strip()
 
@@ -115,5 +115,5 @@ def _cell(text: str) -> str:
 
 
 def write_page(parser: argparse.ArgumentParser, path: str | Path) -> None:
-    """Write `docs/commands.md` anew."""
+    """Write the page of all commands of the parser (docs/commands.md) to `path`."""
     write_text(path, [commands_page(parser)])

@@ -1,4 +1,4 @@
-"""The command's output: messages and progress on stderr, data on stdout.  It is the only place that prints."""
+"""Output of the command: messages and progress on stderr, data on stdout.  Nothing else prints."""
 
 import contextlib
 import errno
@@ -14,13 +14,13 @@ from .. import progress
 
 
 def say(text: str) -> None:
-    """Talk, on stderr: one line, whatever a path or a key holds."""
+    """Print a message on stderr as one line; characters that cannot be printed are escaped."""
     clear_progress()
     print(one_line(text), file=sys.stderr)
 
 
 def answer(text: str = "", end: str = "\n") -> None:
-    """Data, on stdout, all of it: InputError if it has no room for it."""
+    """Print data on stdout; InputError if it cannot be written (a full disk), BrokenPipeError if nobody reads it."""
     clear_progress()
     try:
         print(text, end=end, flush=True)
@@ -32,15 +32,14 @@ def answer(text: str = "", end: str = "\n") -> None:
 
 
 def speak_utf8() -> None:
-    """The same bytes whatever the locale: UTF-8, and an escape for what is no character (a byte of a file's name)."""
+    """Set stdout and stderr to UTF-8 whatever the locale; what is no character (a byte of a file's name) is escaped."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
 
 
 class Progress:
-    """What is being done and how far it is: on a terminal one line that is written over, elsewhere a line every ten
-    seconds."""
+    """Listener that shows work and share done: on a terminal one line written over, else a line every LINE [s]."""
 
     WIDTH = 20      # of the bar
     OFTEN = 0.2     # s, between two looks at the same work
@@ -53,7 +52,7 @@ class Progress:
         self._is_drawn = False
 
     def __call__(self, what: str, done: int = 0, total: int = 0) -> None:
-        """Note that `done` of `total` (0: not known) are; another process than the one that began says nothing."""
+        """Show that `done` of `total` (0: not known) are done; a forked process shows nothing."""
         if os.getpid() != self._process:
             return
         now = time.monotonic()
@@ -80,7 +79,7 @@ class Progress:
         return (now - self._begun) * (total - done) / (done - self._found)
 
     def clear(self) -> None:
-        """Take the line off a terminal: something else is written."""
+        """Erase the progress line of a terminal, so that something else can be printed."""
         if self._is_drawn and os.getpid() == self._process:
             sys.stderr.write("\r\x1b[K")
             sys.stderr.flush()
@@ -89,7 +88,7 @@ class Progress:
 
 @contextlib.contextmanager
 def progress_shown(is_quiet: bool) -> Iterator[None]:
-    """Show how far the work is while it is done, unless quiet."""
+    """Show the progress of the work in this context on stderr, unless quiet."""
     before = list(progress.listeners)
     if not is_quiet:
         progress.listeners.append(Progress())
@@ -101,13 +100,13 @@ def progress_shown(is_quiet: bool) -> Iterator[None]:
 
 
 def shown_counter(total: int, what: str) -> progress.Counter:
-    """Return a counter whose progress is shown from now on."""
+    """Return a counter of `total` items that shows its progress on stderr from now on."""
     progress.listeners[:] = [Progress()]
     return progress.Counter(total, what)
 
 
 def clear_progress() -> None:
-    """Take the line of progress off a terminal."""
+    """Erase the progress line of a terminal, if there is one."""
     for listener in progress.listeners:
         if isinstance(listener, Progress):
             listener.clear()
@@ -121,14 +120,14 @@ class Closed(io.TextIOBase):
 
 
 class Unheard(io.TextIOBase):
-    """A stderr that is not there: talk is lost."""
+    """A stand-in for a closed stderr: what is written is lost."""
 
     def write(self, text: str) -> int:
         return len(text)
 
 
 def open_streams() -> None:
-    """A closed stdout or stderr is none: no file that is opened takes its number, and talk does not go to stdout."""
+    """Replace a closed stdout or stderr by a stand-in, and occupy descriptors 0 to 2, so that no file gets them."""
     if sys.stdout is not None and sys.stderr is not None:
         return
     for number in (0, 1, 2):
@@ -141,6 +140,6 @@ def open_streams() -> None:
 
 
 def leave_stdout() -> None:
-    """Nothing more is written to it, at the interpreter's end either."""
+    """Redirect stdout to the null device: nothing more is written to it, at the interpreter's end either."""
     if not isinstance(sys.stdout, Closed):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

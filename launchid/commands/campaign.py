@@ -36,14 +36,15 @@ EXECUTOR_FORM = "expected local, or dask:ADDRESS such as dask:tcp://node1:8786"
 
 
 def check_executor(text: str) -> None:
-    """UsageError for words that name none."""
+    """Raise UsageError unless the text is an executor: "local" or "dask:ADDRESS"."""
     if text != "local" and not (text.startswith("dask:") and len(text) > len("dask:")):
         raise UsageError(f"--executor {text!r}: {EXECUTOR_FORM}")
 
 
 @contextlib.contextmanager
 def executor_of(text: str, workers: int | None) -> Iterator[tuple[Executor | None, int | None]]:
-    """(executor, how many workers it has) while this lasts; (None, workers): processes, which the campaign makes."""
+    """Give (executor, number of its workers) in this context: of a dask scheduler, UsageError if none answers; for
+    "local" (None, workers), since the campaign makes its own processes."""
     check_executor(text)
     if text == "local":
         yield None, workers
@@ -66,7 +67,7 @@ def executor_of(text: str, workers: int | None) -> Iterator[tuple[Executor | Non
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid campaign` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "campaign", "fly many randomly drawn vehicles, and prove a requirement",
                       "launchid campaign vega_like --flights 10000 --requirement 'lost<0.00135@0.9' --out proof",
                       campaign)
@@ -97,7 +98,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid campaign`."""
+    """Run `launchid campaign` with its parsed arguments: fly into the folder --out, and print the verdict."""
     check_executor(args.executor)
     nominal = read_nominal(args.nominal)
     check_folders(args.out)
@@ -122,15 +123,15 @@ def campaign(nominal: NominalSource, *, out: str | PathLike[str], flights: int |
              requirement: str | Sequence[str] = (), seed: int = 0, stop: str = "decided", executor: str = "local",
              workers: int | None = None, merge: Sequence[str | PathLike[str]] = (),
              progress: Callable[[int], object] | None = None) -> Campaign:
-    """Fly many drawn vehicles of a nominal into a folder, and prove requirements; where it was, it goes on.
+    """Fly many randomly drawn vehicles of a nominal, and prove requirements; a folder with flights is continued.
 
     Parameters
     ----------
     nominal : path, name of a built-in one, or Nominal
     out : path
-        Folder of the campaign; of one that was interrupted, or is done: it goes on.
+        Folder of the campaign; one that was interrupted or is done is continued.
     flights : int, optional
-        At most so many, one a seed from `seed` on.
+        At most so many, one a seed from `seed` on; required unless `merge` is given.
     requirement : str, or several
         Such as "lost<0.00135@0.9" or "max_alpha<0.2:0.99@0.9".
     seed : int
@@ -182,7 +183,7 @@ def campaign(nominal: NominalSource, *, out: str | PathLike[str], flights: int |
 
 @dataclass(frozen=True, eq=False)
 class Campaign(Answer):
-    """Flights, and what they prove."""
+    """Result of `campaign`: the flights, the requirements, and whether they are met."""
 
     flights: Flights
     requirements: Sequence[Requirement]
@@ -191,7 +192,7 @@ class Campaign(Answer):
 
     @property
     def verdict(self) -> str | None:
-        """met, not met or undecided, of all requirements; None if nothing was asked."""
+        """"met", "not met" or "undecided" for all requirements together; None if there are none."""
         verdict: str | None = self.report["verdict"]
         return verdict
 
@@ -209,13 +210,13 @@ class Campaign(Answer):
         return campaign_figure(self.report, self.requirements, self.flights)
 
     def write(self, folder: str | Path) -> None:
-        """The verdict, beside the table."""
+        """Write verdict.json into the folder."""
         from sim.files import write_text
         write_text(Path(folder) / VERDICT, [self.to_json(), "\n"])
 
 
 def foreseen(nominal: Nominal, flights: int, requirement: str | Sequence[str], stop: str) -> tuple[str, ...]:
-    """Notes before the first flight: what a user may have meant otherwise."""
+    """Return notes for the user before the first flight: a short profile, no range, too few flights for a proof."""
     from ..log.check import profile_note
     from ..monte_carlo.requirement.sequential import Planned, Sequential
     nominal.require("simulation")

@@ -1,4 +1,4 @@
-"""A log beside nominals: `launchid compare`, `launchid.compare`."""
+"""Compare a log with nominals: `launchid compare`, `launchid.compare`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid compare` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "compare", "hold a log beside nominals: predictions, flights, dispersions, responses",
                       "launchid compare v.csv vega_like report/extension.toml --report compared", compare)
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
@@ -35,7 +35,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid compare`."""
+    """Run `launchid compare` with its parsed arguments: print the comparison, and write what options ask for."""
     at_least("--flights", args.flights, 0)
     log = read_noting(args.log, map_path=args.map)
     nominals = [read_nominal(path) for path in args.nominals]
@@ -49,8 +49,8 @@ def run(args: argparse.Namespace) -> None:
 
 
 def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict: bool = False) -> Comparison:
-    """Hold a log beside nominals: predicted 0.1, 0.5 and 1 s ahead, flown from its reference, its place among dispersed
-    flights, frequency responses.
+    """Compare a log with nominals: predictions 0.1, 0.5 and 1 s ahead, flights from the log's reference, the log's
+    place among dispersed flights, frequency responses.
 
     Parameters
     ----------
@@ -58,9 +58,9 @@ def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict
     *nominals : path, name of a built-in one, or Nominal
         One or several, such as a nominal and the extension that `diagnose` made of it.
     flights : int
-        Dispersed ones of each nominal; 0: none.
+        Dispersed flights of each nominal; 0: none.
     strict : bool
-        What the data check finds is an InputError.
+        Raise InputError where the data check finds a fault.
 
     Returns
     -------

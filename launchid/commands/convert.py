@@ -1,4 +1,4 @@
-"""Logs from other programs' files: `launchid convert`."""
+"""Convert other programs' files to logs: `launchid convert`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REASONS_SHOWN = 3  # reasons, of a file that holds nothing
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid convert` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "convert", "turn a file (ULog, DataFlash, MCAP, MAT, HDF5, Parquet, text) into a log",
                       "launchid convert flight.ulg --map px4.toml --out log.csv")
     sub.add_argument("flight", metavar="FLIGHT", help="read this file; its first bytes decide the format")
@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid convert`."""
+    """Run `launchid convert` with its parsed arguments: write the log, or print the channels of the file (--list)."""
     if not args.list and not (args.map and args.out):
         raise UsageError("convert: expected --map MAP.toml and --out LOG.csv, or --list")
     from ..convert.mapping import load_map
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Converted(Answer):
-    """A flight's file as a log."""
+    """Result of `convert`: the log of a flight's file."""
 
     log: Log
     report: dict[str, Any]
@@ -77,13 +77,13 @@ class Converted(Answer):
         return self.log._figure()
 
     def write(self, path: str | Path) -> None:
-        """The log, as CSV."""
+        """Write the log as CSV to `path`."""
         from ..log.log import write_columns
         write_columns(path, self.log.measured())
 
 
 def convert(path: str, mapping: Map, required: tuple[str, ...] = ("t", "theta", "beta")) -> Converted:
-    """Return the log that a map makes of a flight's file."""
+    """Return the log that a map makes of a flight's file; InputError if a required column is missing."""
     import numpy as np
 
     from ..convert.columns import converted
@@ -96,8 +96,8 @@ def convert(path: str, mapping: Map, required: tuple[str, ...] = ("t", "theta", 
 
 
 def channel_lines(path: str, options: dict[str, Any]) -> tuple[list[str], tuple[str, ...]]:
-    """The content of a file, a line each: channels with rows and range, what is no channel and why; notes beside it.
-    InputError if it holds no channel."""
+    """Return (lines, notes) on a file's content: a line for each channel with rows and range, and for what is no
+    channel the reason; InputError if it holds no channel."""
     from ..convert.readers import read_channels
     channels = read_channels(path, options)
     if not channels:
@@ -110,7 +110,7 @@ def channel_lines(path: str, options: dict[str, Any]) -> tuple[list[str], tuple[
 
 
 def _rows(x: np.ndarray) -> str:
-    """The rows of a channel, those of them in which it is measured if not all, and its range, in words."""
+    """Return a channel's rows, how many of them have numbers if not all, and its range, as text."""
     import numpy as np
     fair = x[~np.isnat(x)] if x.dtype.kind == "M" else x[np.isfinite(x)]
     count = f"{len(x)} rows" if len(fair) == len(x) else f"{len(x)} rows, {len(fair)} with numbers"

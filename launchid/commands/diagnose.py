@@ -1,4 +1,4 @@
-"""Why a simulation disagrees with a log: `launchid diagnose`, `launchid.diagnose`."""
+"""Find why a simulation disagrees with a log: `launchid diagnose`, `launchid.diagnose`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid diagnose` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "diagnose", "find why a simulation disagrees with a log, and how much the fix gains",
                       "launchid diagnose v.csv vega_like --report report", diagnose)
     sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "
@@ -55,7 +55,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid diagnose`."""
+    """Run `launchid diagnose` with its parsed arguments: print the diagnosis, and write what options ask for."""
     at_least("--bootstrap", args.bootstrap, 0)
     log, nominal = read_noting(args.log, "t", map_path=args.map), read_nominal(args.nominal)
     holdout = read_noting(args.holdout, "t", map_path=args.map) if args.holdout else None
@@ -82,9 +82,9 @@ def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | Non
     bootstrap : int
         Clean flights of the nominal that are diagnosed too, to count false alarms.
     noise : str
-        How far levels may be from the declared: "bounded", "declared" or "free".
+        How far noise levels may be from the declared: "bounded", "declared" (not at all) or "free".
     strict : bool
-        What the data check finds is an InputError.
+        Raise InputError where the data check finds a fault.
 
     Returns
     -------
@@ -109,7 +109,7 @@ def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | Non
 
 @dataclass(frozen=True, eq=False)
 class Diagnosed(Answer):
-    """The answer of `diagnose`: what the simulation gets wrong on a log, and why."""
+    """Result of `diagnose`: what the simulation gets wrong on a log, and why."""
 
     diagnosis: Result
     report: dict[str, Any]
@@ -121,7 +121,7 @@ class Diagnosed(Answer):
 
     @property
     def extension(self) -> Nominal | None:
-        """The nominal with the named causes, if any."""
+        """The nominal extended by the causes that were found; None if there is none."""
         from ..diagnosis.answer import extension
         return extension(self.diagnosis)
 
@@ -142,7 +142,7 @@ class Diagnosed(Answer):
         return super()._figure()
 
     def write_report(self, folder: str | Path) -> None:
-        """report.html, verdict.json, extension.toml and the figures."""
+        """Write report.html, verdict.json, extension.toml and the figures into a folder."""
         from ..diagnosis.report.page import write_report
         write_report(self.diagnosis, self.report, folder, self._comparison())
 

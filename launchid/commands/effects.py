@@ -1,4 +1,4 @@
-"""The command `launchid effects`: its options, and its run."""
+"""List the catalogue of effects: `launchid effects`."""
 
 import argparse
 from typing import Any
@@ -8,7 +8,7 @@ from ..cli.options import add_command, add_outputs
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid effects` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "effects", "list the effects that can be flown and diagnosed, with their parameters",
                       "launchid effects --json -")
     add_outputs(sub)
@@ -16,7 +16,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid effects`."""
+    """Run `launchid effects` with its parsed arguments: print the catalogue of effects."""
     check_outputs(args.json)
     from ..cli.reference import Effects
     tell(Effects(), args.json)

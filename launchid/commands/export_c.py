@@ -1,4 +1,4 @@
-"""The estimator in C: `launchid export-c`, `launchid.export_c`."""
+"""Write the estimator in C: `launchid export-c`, `launchid.export_c`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid export-c` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "export-c", "write the estimator in C99, bit for bit equal to the Python version",
                       "launchid export-c constant --out port --window 5", export_c)
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"export the estimator of {NOMINAL_HELP}")
@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid export-c`."""
+    """Run `launchid export-c` with its parsed arguments: write the C files into the folder --out."""
     nominal = read_nominal(args.nominal)
     check_folders(args.out)
     report("writing the estimator in C, and flying its vectors")
@@ -72,6 +72,7 @@ def export_c(nominal: NominalSource, *, window: float = DEFAULT_WINDOW, period: 
     Returns
     -------
     Exported
+        Its `write` writes the files.
     """
     from launchid_core import Config
 
@@ -100,7 +101,7 @@ def export_c(nominal: NominalSource, *, window: float = DEFAULT_WINDOW, period: 
 
 @dataclass(frozen=True, eq=False)
 class Exported(Answer):
-    """The estimator in C."""
+    """Result of `export_c`: file name -> text of the C files, the configuration, samples of a flight to check it."""
 
     files: dict[str, str]
     config: Config
@@ -126,7 +127,7 @@ class Exported(Answer):
         return log_of(known, "vectors.h")._figure()
 
     def write(self, folder: str | Path) -> None:
-        """The files, into a folder that is made if need be."""
+        """Write the files into a folder, which is made if there is none."""
         from sim.files import make_folder, write_text
         place = make_folder(folder)
         for name, text in self.files.items():

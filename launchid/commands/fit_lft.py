@@ -1,4 +1,4 @@
-"""The ranges of a6 and k1 that flights need: `launchid fit-lft`, `launchid.fit_lft`."""
+"""Fit the ranges of a6 and k1 to flights: `launchid fit-lft`, `launchid.fit_lft`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid fit-lft` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "fit-lft", "fit the ranges sigma of a6 and k1 to flights",
                       "launchid fit-lft flight1.csv flight2.csv constant --out new.toml", fit_lft)
     sub.add_argument("logs", nargs="+", metavar="LOG.csv... NOMINAL.toml",
@@ -46,7 +46,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid fit-lft`."""
+    """Run `launchid fit-lft` with its parsed arguments: write the nominal with its ranges, and print them."""
     *paths, nominal_path = args.logs
     if not paths:
         raise UsageError("fit-lft: expected at least one LOG.csv before NOMINAL.toml")
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
 
 def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float = 0.95, confidence: float = 0.95,
             profile: bool = False, strict: bool = False) -> FittedRange:
-    """Fit the range sigma of a6 and k1 that holds a share of vehicles with a confidence.
+    """Fit the relative ranges sigma of a6 and k1 that hold a share of vehicles with a confidence, to flights.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float =
     share, confidence : float
         Between 0 and 1.
     profile : bool
-        Sigma over flight time, where the flights tell it.
+        Sigma over flight time, where the flights determine it.
     strict : bool
-        What the data check finds is an InputError.
+        Raise InputError where the data check finds a fault.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float =
     Raises
     ------
     InputError
-        For a log whose columns are in another unit, of another sign or exchanged: a range holds what it is fed.
+        For a log whose columns are in another unit, of another sign or exchanged, or one that is given twice.
     """
     from ..log.check import checked
     from ..robustness import greybox, level
@@ -113,7 +113,7 @@ def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float =
 
 @dataclass(frozen=True, eq=False)
 class FittedRange(Answer):
-    """The range sigma of a6 and k1, from flights."""
+    """Result of `fit_lft`: the ranges sigma of a6 and k1, and the nominal with them."""
 
     fit: greybox.Fit
     nominal: Nominal        # with its [uncertainty]
@@ -132,6 +132,6 @@ class FittedRange(Answer):
         return range_figure(self.nominal)
 
     def write(self, path: str | Path) -> None:
-        """The nominal, as TOML: the file that it came from, with what is new."""
+        """Write the nominal as TOML: the file that it came from, with its new [uncertainty]."""
         from sim.nominal import rewrite_nominal
         rewrite_nominal(self.nominal, path)

@@ -1,4 +1,4 @@
-"""a6, k1 and the active terms of a log: `launchid identify`, `launchid.identify`."""
+"""Estimate a6, k1 and the active terms of a log: `launchid identify`, `launchid.identify`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid identify` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "identify", "estimate a6, k1 and the active terms of a log, window by window",
                       "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png", identify)
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
@@ -61,7 +61,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid identify`."""
+    """Run `launchid identify` with its parsed arguments: print the windows, and write what options ask for."""
     log = read_noting(args.log, map_path=args.map)
     source = nominal_of(args)
     nominal = read_nominal(source) if source else None
@@ -107,7 +107,7 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
     noise : str
         filtered: the nominal's levels are a prior ("estimated") or exact ("declared").
     strict : bool
-        What the data check finds is an InputError.
+        Raise InputError where the data check finds a fault.
 
     Returns
     -------
@@ -146,10 +146,10 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
 
 @dataclass(frozen=True, eq=False)
 class Identification(Answer):
-    """a6, k1 and the active terms of a log, window by window.
+    """Result of `identify`: a6, k1 and the active terms of a log, window by window.
 
-    estimates  what can be believed: those that the log contradicts are not valid, and have no numbers
-    fitted     the same before any was refused: what residuals are shown of
+    estimates  of the windows; one that the log contradicts is not valid and has no numbers
+    fitted     of the windows as they were fitted, before any was refused, for the residuals
     """
 
     log: Log
@@ -182,12 +182,15 @@ class Identification(Answer):
         return identify_figure(self.log, self.report, self.nominal, asked)
 
     def write_report(self, folder: str | Path) -> None:
-        """report.html, identify.json and the figures."""
+        """Write report.html, identify.json and the figures into a folder."""
         from ..results.reports import identify_report
         identify_report(self, folder)
 
     def margins(self) -> FlightMargins:
-        """The stability margins of the loop as identified, with the nominal's controller."""
+        """Return the stability margins of the loop as identified, with the nominal's controller.
+
+        Raise UsageError unless `filtered` identified a6 and k1 alone (library rigid-body), with a nominal.
+        """
         from .margins import of_identified
         c, is_tracked = self.config, any("tracked" in window for window in self.report["windows"])
         if self.nominal is None or c.formulation != "filtered" or c.terms != ("theta", "beta"):
@@ -196,13 +199,16 @@ class Identification(Answer):
         return of_identified(self.log, self.nominal, c, self.estimates, self.changes, is_tracked)
 
     def to_control(self, t: float | None = None) -> ControlPlant:
-        """The airframe as identified in the window that holds t [s], None: in the last valid one, as python-control's
-        StateSpace and TransferFunction, with the covariance of a6 and k1 (extra `control`)."""
+        """Return the airframe as identified in the window that holds t [s] (None: the last valid one), as
+        python-control's StateSpace and TransferFunction, with the covariance of a6 and k1 (extra `control`)."""
         from ..results.control_systems import control_plant
         return control_plant(self.estimates, self.log.path, t)
 
     def residuals(self, path: str | Path | None = None) -> Figure:
-        """A figure of the windows' residuals, whether they are white, and predictions over horizons."""
+        """Return a figure of the windows' residuals, their whiteness, and predictions over horizons.
+
+        path  of a .png, .svg or .pdf, which is written too
+        """
         from ..results.residuals import residuals
         nominal = self.nominal if self.config.formulation == "filtered" else None
         left = residuals(self.log, self.fitted, nominal, self.late)

@@ -1,4 +1,4 @@
-"""Stability margins of the loop that flew: `launchid margins`, `launchid.margins`."""
+"""Stability margins of the loop that flew, from a log: `launchid margins`, `launchid.margins`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid margins` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "margins", "give the stability margins of the flight's loop, with intervals",
                       "launchid margins v.csv vega_like --window 5 --tracked --plot margins.png", margins)
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
@@ -42,7 +42,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid margins`."""
+    """Run `launchid margins` with its parsed arguments: print the margins, and write what options ask for."""
     log = read_noting(args.log, map_path=args.map)
     nominal = read_nominal(args.nominal)
     check_outputs(args.json, args.plot)
@@ -98,7 +98,7 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_W
 
 def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate],
                   changes: Sequence[Change], tracked: bool, warnings: tuple[str, ...] = ()) -> FlightMargins:
-    """Return the margins of an identification's windows."""
+    """Return the margins of the windows of an identification by `filtered`; tracked: also of the tracked estimates."""
     from ..identification.windows import next_step, why
     from ..robustness import flight_margins as fm
     flown = fm.loop_that_flew(log, nominal, estimates)
@@ -115,7 +115,7 @@ def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequenc
 
 @dataclass(frozen=True, eq=False)
 class FlightMargins(Answer):
-    """The stability margins of a flight's loop, window by window."""
+    """Result of `margins`: the stability margins of a flight's loop, window by window."""
 
     log: Log
     nominal: Nominal
@@ -141,7 +141,7 @@ class FlightMargins(Answer):
         return flat(self.report["windows"])
 
     def write_report(self, folder: str | Path) -> None:
-        """report.html, margins.json and the figure."""
+        """Write report.html, margins.json and the figure into a folder."""
         from ..results.reports import margins_report
         margins_report(self, folder)
 

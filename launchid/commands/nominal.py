@@ -1,4 +1,4 @@
-"""The command `launchid nominal`: its options, and its run."""
+"""Write the first nominal of a vehicle from its log alone: `launchid nominal`."""
 
 import argparse
 import json
@@ -13,7 +13,7 @@ from ..cli.terminal import answer
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid nominal` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "nominal", "write the first nominal of a vehicle from its log alone",
                       "launchid nominal dfki_pendulum_ddp --out mine.toml")
     sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "
@@ -25,7 +25,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid nominal`."""
+    """Run `launchid nominal` with its parsed arguments: write the first nominal, and print it."""
     log = read_noting(args.log, "t", map_path=args.map)
     check_outputs(args.out, args.json)
     from ..first_nominal import first, lines, report, write

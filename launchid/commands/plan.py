@@ -1,4 +1,4 @@
-"""The smallest test input that reaches an accuracy: `launchid plan`, `launchid.plan`."""
+"""Design the smallest test input that reaches an accuracy: `launchid plan`, `launchid.plan`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid plan` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "plan", "design the smallest test input that reaches an accuracy",
                       "launchid plan constant --accuracy 0.01 --window 5 --out new.toml", plan)
     sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"design it for {NOMINAL_HELP}")
@@ -37,7 +37,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid plan`."""
+    """Run `launchid plan` with its parsed arguments: write the nominal with its test input, and print it."""
     nominal = read_nominal(args.nominal)
     check_outputs(args.out)
     report("designing the test input")
@@ -74,7 +74,7 @@ def plan(nominal: NominalSource, *, accuracy: float, window: float) -> Planned:
 
 @dataclass(frozen=True, eq=False)
 class Planned(Answer):
-    """A test input, and what it buys."""
+    """Result of `plan`: a test input, and the accuracy of a6 and k1 without and with it."""
 
     plan: Plan
     window: float
@@ -83,7 +83,7 @@ class Planned(Answer):
 
     @property
     def nominal(self) -> Nominal:
-        """The nominal with its [test_input]."""
+        """The nominal with the designed [test_input], without one if none is needed."""
         return self.plan.nominal
 
     def summary(self, of: str = "test input") -> str:
@@ -106,6 +106,6 @@ class Planned(Answer):
         return plan_figure(self.plan)
 
     def write(self, path: str | Path) -> None:
-        """The nominal, as TOML: the file that it came from, with what is new."""
+        """Write the nominal as TOML: the file that it came from, with its new [test_input]."""
         from sim.nominal import rewrite_nominal
         rewrite_nominal(self.nominal, path)

@@ -1,4 +1,4 @@
-"""The command `launchid reproduce`: its options, and its run."""
+"""Repeat the paper's experiments: `launchid reproduce`."""
 
 import argparse
 from typing import Any
@@ -9,7 +9,7 @@ from ..cli.terminal import answer, say
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid reproduce` and its options to argparse's subparsers `commands`."""
     from ..experiments import CASES, CONFIDENCE
     sub = add_command(commands, "reproduce", "repeat the paper's experiments: figures, table, pass or fail",
                       "launchid reproduce --case windowed --seeds 3 --out results")
@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid reproduce`."""
+    """Run `launchid reproduce` with its parsed arguments: repeat experiments into the folder --out, print the table."""
     at_least("--seeds", args.seeds, 1)
     check_folders(args.out)
     from ..experiments.report import reproduce

@@ -1,4 +1,4 @@
-"""The command `launchid show`: its options, and its run."""
+"""Draw the columns of logs over each other: `launchid show`."""
 
 import argparse
 from pathlib import Path
@@ -10,7 +10,7 @@ from ..cli.terminal import answer, say
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid show` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "show", "draw the columns of logs over each other, with what the data check finds",
                       "launchid show v.csv w.csv --out look.html")
     sub.add_argument("logs", metavar="LOG.csv", nargs="+", help=f"{LOG_HELP}; a column is enough")
@@ -22,7 +22,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid show`."""
+    """Run `launchid show` with its parsed arguments: draw the logs, and print what the data check finds."""
     logs = [read_noting(path, "t", map_path=args.map) for path in args.logs]
     is_page = Path(args.out).suffix.lower() in (".html", ".htm")
     check_outputs(args.out)

@@ -1,4 +1,4 @@
-"""Flights of a nominal: `launchid simulate`, `launchid.simulate`."""
+"""Fly a nominal and write its log: `launchid simulate`, `launchid.simulate`."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid simulate` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "simulate", "fly a nominal and write its log",
                       "launchid simulate vega_like --out v.csv --seed 3 --effect control_loss:fraction=0.3,time=60",
                       simulate)
@@ -55,7 +55,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid simulate`."""
+    """Run `launchid simulate` with its parsed arguments: fly the nominal, and write its log."""
     at_least("--seed", args.seed, 0)
     nominal = read_nominal(args.nominal)
     check_outputs(args.out)
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
 
 def simulate(nominal: NominalSource, *, seed: int = 0, suite: str = "flight", period: float | None = None,
              effects: Effects = ()) -> Flown:
-    """Fly a nominal.
+    """Fly a nominal, and return the flight with its truth.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def simulate(nominal: NominalSource, *, seed: int = 0, suite: str = "flight", pe
 
 @dataclass(frozen=True, eq=False)
 class Flown(Answer):
-    """A flight, with its truth."""
+    """Result of `simulate`: a flight, with its truth."""
 
     flight: Flight
     nominal: Nominal
@@ -117,7 +117,7 @@ class Flown(Answer):
 
     @functools.cached_property
     def log(self) -> Log:
-        """The flight's log, as `read_log` reads what `write` writes."""
+        """The flight's log, equal to what `read_log` reads from the file of `write`."""
         from ..log.log import flown_log
         return flown_log(self.flight)
 
@@ -130,14 +130,13 @@ class Flown(Answer):
         return flight_figure(self.flight, self.nominal)
 
     def write(self, path: str | Path) -> None:
-        """The log, as CSV."""
+        """Write the log as CSV to `path`."""
         from ..log.log import write_flight
         write_flight(path, self.flight)
 
 
 def _beside_the_flight(nominal: Nominal, period: float, effects: list[Effect]) -> tuple[str, ...]:
-    """Notes on what of a flight is not as its user may believe: rows a `period` [s] apart, effects that begin after its
-    end."""
+    """Return notes on what a user may not expect: rows a `period` [s] apart, effects that begin after the end."""
     from sim.effects import values
 
     from ..log.check import profile_note
@@ -161,7 +160,7 @@ def _chosen(effects: Effects) -> list[Effect]:
 
 
 def _effect(given: object) -> Effect:
-    """An effect from a text, from a dict as in a nominal's [[effects]], or as it is."""
+    """Return an effect given as a text, a dict (as in a nominal's [[effects]]) or an `Effect`; else UsageError."""
     from sim.effects import Effect, from_table, from_text
     if isinstance(given, Effect):
         return given

@@ -1,4 +1,4 @@
-"""Where each parameter lies within its declared range: `launchid uncertainty`, `launchid.uncertainty`."""
+"""Tell where each parameter lies within its declared range: `launchid uncertainty`, `launchid.uncertainty`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid uncertainty` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "uncertainty", "report where each parameter lies within its declared range",
                       "launchid uncertainty v.csv vega_like --plot level.png", uncertainty)
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
@@ -38,7 +38,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid uncertainty`."""
+    """Run `launchid uncertainty` with its parsed arguments: print the levels, and write what options ask for."""
     log = read_noting(args.log, map_path=args.map)
     nominal = read_nominal(args.nominal)
     check_outputs(args.json, args.plot)
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
 
 def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_WINDOW,
                 strict: bool = False) -> UncertaintyLevel:
-    """Return the place of each parameter in its range, window by window, and the time when it left it.
+    """Return where a6 and k1 lie in their declared ranges, window by window, and since when one is outside.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = DEFAU
     window : float
         Length of a window [s].
     strict : bool
-        What the data check finds is an InputError.
+        Raise InputError where the data check finds a fault.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = DEFAU
 
 @dataclass(frozen=True, eq=False)
 class UncertaintyLevel(Answer):
-    """The place of each parameter in its range, window by window."""
+    """Result of `uncertainty`: delta of a6 and k1, as a = a0*(1 + sigma*delta), window by window."""
 
     log: Log
     nominal: Nominal

@@ -1,4 +1,4 @@
-"""The command `launchid warm`: compiles what the commands need, a part in each process."""
+"""Compile what the commands need, a part in each process: `launchid warm`."""
 
 import argparse
 import os
@@ -27,21 +27,21 @@ PARTS = (    # the longest first; each loads what another has compiled
 
 
 def add(commands: Any) -> None:
-    """Add the command to the parser."""
+    """Add `launchid warm` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "warm", "compile what the commands need, on as many processes as cores",
                       "launchid warm")
     sub.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid warm`."""
+    """Run `launchid warm` with its parsed arguments: compile all kernels, and print how many."""
     begun = time.monotonic()
     compiled = compile_parts(PARTS)
     answer(f"{compiled} kernels compiled in {time.monotonic() - begun:.0f} s")
 
 
 def compile_parts(parts: Sequence[str]) -> int:
-    """Compile parts, as many at once as there are cores; return how many kernels. InputError if one fails."""
+    """Compile parts (PARTS), as many at once as there are cores; return how many kernels.  InputError if one fails."""
     import multiprocessing
     from multiprocessing.connection import wait
 
@@ -76,7 +76,7 @@ def compile_parts(parts: Sequence[str]) -> int:
 
 
 def compile_part(part: str, folder: str, compiled: Any) -> None:
-    """Compile a part, silently, and count its kernels: the process' end is its status."""
+    """Compile a part in this process, count its kernels in `compiled`, print nothing; exit with the part's status."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     for stream in (1, 2):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream)

@@ -1,4 +1,4 @@
-"""The command `launchid watch`: its options, and its run."""
+"""Identify live, from a growing log or a socket: `launchid watch`."""
 
 import argparse
 from typing import Any
@@ -12,7 +12,7 @@ from ..cli.terminal import say
 
 
 def add(commands: Any) -> None:
-    """Add the command and its options to the parser."""
+    """Add `launchid watch` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "watch", "identify live: follow a growing log or a socket, on a page of this machine",
                       "launchid watch flight.csv --nominal vega_like --http 8642")
     sub.add_argument("source", metavar="FILE|udp:PORT|tcp:PORT",
@@ -40,7 +40,7 @@ def add(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Run `launchid watch`."""
+    """Run `launchid watch` with its parsed arguments: follow the source until it or Ctrl-C ends, print the result."""
     from sim.errors import UsageError
 
     from ..convert.mapping import load_map

@@ -1,1 +1,1 @@
-"""A log beside what one or several nominals say of it: predictions, flights, dispersions, frequency responses."""
+"""Compare a log with nominals: predictions, flights from its reference, dispersed flights, frequency responses."""

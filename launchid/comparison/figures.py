@@ -1,4 +1,4 @@
-"""The comparison, drawn: what was measured in wide grey, each nominal in a colour and a dash that print apart."""
+"""Figures of a comparison: the measured in wide grey, each nominal in a colour and a dash that print apart."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -25,12 +25,12 @@ TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)   # Hz
 
 
 def style(k: int) -> dict[str, Any]:
-    """Return the style of the k-th nominal: the first is on top, its dashes show those below."""
+    """Return matplotlib's keywords for lines of the k-th nominal; the first is on top, its dashes show those below."""
     return {**NOMINAL_STYLES[k % len(NOMINAL_STYLES)], "zorder": 10 - k}
 
 
 def comparison_figure(made: Comparison) -> Figure:
-    """Draw each channel: left as flown from the reference, right what the prediction 1 s ahead leaves."""
+    """Draw each channel: left measured, and flown by each nominal; right measured less predicted, 1 s ahead."""
     names = [name for name in FLOWN_CHANNELS if np.isfinite(getattr(made.log, name)).any()]
     figure = Figure(figsize=(13.0, 1.0 + 2.0 * len(names)), layout="constrained")
     figure.suptitle(f"{Path(made.log.path).name}: measured beside {', '.join(each.label for each in made.nominals)}",
@@ -61,7 +61,7 @@ def comparison_figure(made: Comparison) -> Figure:
 
 
 def dispersion_figure(made: Comparison) -> Figure | None:
-    """Draw the log in the band of each nominal's dispersed flights; None where none flew."""
+    """Draw the log in the band of each nominal's dispersed flights; None if no nominal flew."""
     flew = [(each.label, each.dispersed) for each in made.nominals if each.dispersed is not None]
     if not flew:
         return None
@@ -85,8 +85,8 @@ def dispersion_figure(made: Comparison) -> Figure | None:
 
 
 def response_figure(made: Comparison) -> Figure | None:
-    """Draw gain, phase and coherence of each pair, where the coherence is high enough: measured (for the first nominal,
-    which has the instrument), and of each nominal; None without any."""
+    """Draw gain, phase and coherence of each pair of input and output, where the coherence is high enough: measured
+    (once, with the first nominal's instrument) and of each nominal; None if there is no response."""
     shown: dict[tuple[str, str], list[Response]] = {}
     for each in made.nominals[0].responses:
         shown.setdefault((each.source, each.to), []).append(each)
@@ -111,7 +111,7 @@ def response_figure(made: Comparison) -> Figure | None:
 
 
 def _measured_response(column: Any, of: Response, is_best: bool) -> None:
-    """One estimate: the best with its interval as dots, the other as a wide line."""
+    """Draw one measured response: the best with its interval as dots, the other as a wide line."""
     usable = of.coherence >= COHERENT
     form = {"color": "0.0", "marker": "o", "markersize": 3, "linestyle": "None"} if is_best else \
         {**MEASURED_LINE, "marker": ".", "markersize": 3}  # a frequency that stands alone is seen, too
@@ -127,7 +127,7 @@ def _measured_response(column: Any, of: Response, is_best: bool) -> None:
 
 
 def _response_axes(column: Any, measured: list[Response]) -> None:
-    """Scales that hold what is measured, and the coherence from which on it is drawn."""
+    """Set scales that hold what is measured, and mark the coherence above which it is drawn."""
     gain, phase, coherence = column
     usable = [each.coherence >= COHERENT for each in measured]
     reach = np.concatenate([each.frequency[kept] for each, kept in zip(measured, usable, strict=True)])
@@ -154,7 +154,7 @@ def _response_axes(column: Any, measured: list[Response]) -> None:
 
 
 def _words(found: dict[str, Any]) -> str:
-    """The fit and the coefficient of a line, for its legend."""
+    """Return the fit and Theil's coefficient of a line, for its legend."""
     if found["rms"] is None:
         return "no value"
     fit = "" if found["fit"] is None else f"fit {found['fit']:.1f} %, "
@@ -162,7 +162,7 @@ def _words(found: dict[str, Any]) -> str:
 
 
 def _finished(figure: Figure, one_legend: bool = False) -> Figure:
-    """The figure with grids, small ticks, and legends above: one of the first panel, or one each."""
+    """Return the figure after adding grids, small ticks, and legends above: one of the first panel, or one each."""
     for axis in figure.axes:
         axis.grid(True, color="0.88", linewidth=0.6)
         axis.tick_params(labelsize=FONT_SIZE)

@@ -1,13 +1,13 @@
-"""A log's reference flown again by a nominal, in closed loop with its controller, by the simulator (`sim.flight`).
+"""Fly a log's reference again with a nominal, in closed loop with its controller, by the simulator (`sim.flight`).
 
-A flight begins at t = 0 at attitude 0, as every one of a nominal does; a log that begins later is none of those.
+A flight begins at t = 0 at attitude 0, as every one of a nominal does; a log that begins later cannot be flown.
 
-The place of a log in the dispersions of its nominal.
+Find the place of a log among dispersed flights of a nominal.
 
 The nominal flies the log's reference DISPERSED_FLIGHTS times, each time with its own a6 and k1 (uniform over
-[uncertainty], as a campaign draws them), servo (normal, by the sigmas of [actuator]), wind, offsets and noise.  At
-each time, and for the largest value of each channel, the log's place is the share of the flights that are below it:
-uniform over 0 to 1, and 10 % of the time outside the band of 5 to 95 %, where the log is a flight of that nominal.
+[uncertainty], as a campaign draws them), servo (normal, by the sigmas of [actuator]), wind, offsets and noise.  At each
+time, and for the largest value of each channel, the log's place is the share of the flights that are below it: uniform
+over 0 to 1, and 10 % of the time outside the band of 5 to 95 %, where the log is a flight of that nominal.
 """
 
 import functools
@@ -31,7 +31,7 @@ CHANCE = ("turbulence", "wind_walk")   # effects that are drawn
 
 def along(log: Log, nominal: Nominal) -> Nominal | None:
     """Return the nominal with the log's duration and, where it has one, the log's reference; None where it cannot fly:
-    no [controller], [actuator], [simulation] or reference, or a log that begins later."""
+    no [controller], [actuator], [simulation] or reference, or a log that begins later than LATEST_START."""
     t = log.t[np.isfinite(log.t)]
     known = np.isfinite(log.t) & np.isfinite(log.theta_ref)
     if nominal.controller is None or nominal.actuator is None or nominal.simulation is None or \
@@ -49,7 +49,7 @@ def along(log: Log, nominal: Nominal) -> Nominal | None:
 
 
 def quiet(nominal: Nominal) -> Nominal:
-    """Return the nominal without anything that is drawn: noises, wind but for its forecast, offsets."""
+    """Return the nominal without random parts: no noise, offsets or wind, except for a wind forecast."""
     assert nominal.actuator is not None and nominal.simulation is not None
     sensors = replace(nominal.sensors, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0, gamma_std=0.0)
     wind = None if nominal.wind is None else Wind(profile=nominal.wind.profile)
@@ -60,8 +60,8 @@ def quiet(nominal: Nominal) -> Nominal:
 
 
 def flown(log: Log, nominal: Nominal) -> dict[str, np.ndarray] | None:
-    """Return the channels (rows,) of a flight of the log's reference without noise, NaN after the vehicle was lost;
-    None where the log has no reference, or `along` has no flight."""
+    """Return channel -> values (rows,) of a noiseless flight of the log's reference, NaN after the vehicle was lost;
+    None if the log has no reference, or the nominal cannot fly it (`along`)."""
     craft = along(log, nominal) if np.isfinite(log.theta_ref).any() else None
     if craft is None:
         return None
@@ -70,14 +70,14 @@ def flown(log: Log, nominal: Nominal) -> dict[str, np.ndarray] | None:
 
 
 def period_of(log: Log, nominal: Nominal) -> float:
-    """Return the log's period [s] or, where the simulator cannot log at that, its step."""
+    """Return the log's period [s], or the simulator's step if the period is no multiple of it."""
     assert nominal.simulation is not None
     step = nominal.simulation.step
     return round(log.period / step) * step if is_whole(log.period, step) else step
 
 
 def at_rows(flight: Flight, t: np.ndarray, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Return the columns of a flight at its rows nearest to the times t (n,) [s]; NaN beyond its end and where t is."""
+    """Return name -> values (n,) of a flight at its rows nearest to times t (n,) [s]; NaN after its end."""
     place = np.round(np.where(np.isfinite(t), t, -1.0) / flight.period).astype(np.int64)
     there = (place >= 0) & (place < len(flight.t))
     return {name: np.where(there, getattr(flight, name)[np.where(there, place, 0)], np.nan) for name in names}
@@ -92,17 +92,17 @@ LEAST_SERVO = 0.1        # of the nominal's frequency and damping ratio: no draw
 
 
 class Draw(NamedTuple):
-    """One dispersed flight."""
+    """Job of one dispersed flight: the seed of its random numbers."""
 
     seed: int
 
 
 class Place(NamedTuple):
-    """The place of one channel of the log among the flights.
+    """Place of one channel of the log among the dispersed flights.
 
     t (m,) [s], measured (m,), low, middle, high (m,)   the log, and the 5, 50 and 95 % of the flights, in its unit
     below (m,)   share of the flights below the log at each time, NaN where it is not measured
-    outside      share of the time in which the log is outside the band
+    outside      share of the time in which the log is outside low to high
     peak         share of the flights whose largest absolute value is below the log's
     """
 
@@ -117,14 +117,14 @@ class Place(NamedTuple):
 
 
 class Dispersed(NamedTuple):
-    """The places of the channels, and how many of the flights were lost (they count until then)."""
+    """Place of each channel of the log (by name) among dispersed flights; lost: how many of them were lost."""
 
     places: dict[str, Place]
     lost: int
 
 
 def drawn(nominal: Nominal, seed: int) -> tuple[Nominal, float, float]:
-    """Return the nominal with the servo of a seed, and its deltas of a6 and k1; 0 without [uncertainty]."""
+    """Return (the nominal with a servo drawn by the seed, delta of a6, delta of k1); deltas 0 without [uncertainty]."""
     assert nominal.actuator is not None
     servo = nominal.actuator
     frequency, damping, delay = np.random.default_rng((SERVO_STREAM, seed)).standard_normal(3)
@@ -138,8 +138,10 @@ def drawn(nominal: Nominal, seed: int) -> tuple[Nominal, float, float]:
 
 def fly_drawn(nominal: Nominal, t: np.ndarray, there: np.ndarray, period: float,
               draw: Draw) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Fly one draw; returns its channels (4, m) at some of the times t (n,) [s], the largest absolute values (4,) of
-    the rows that the log measured, there (4, n) bool, and whether it was lost."""
+    """Fly one draw with rows a `period` [s] apart.  there (4, n) bool: what the log measured at its times t (n,) [s].
+
+    Return (channels (4, m) at every `thinning`-th time, largest absolute values (4,) over `there`, was it lost).
+    """
     craft, *deltas = drawn(nominal, draw.seed)
     factors = dispersion(craft, *deltas) if craft.uncertainty is not None else (1.0, 1.0)
     flight = fly_whole(craft, draw.seed, "flight", period, *factors)
@@ -149,13 +151,13 @@ def fly_drawn(nominal: Nominal, t: np.ndarray, there: np.ndarray, period: float,
 
 
 def thinning(rows: int) -> int:
-    """Return the rows from one that is kept to the next, so that at most TIMES_KEPT are."""
+    """Return k so that every k-th of the rows makes at most TIMES_KEPT."""
     return max(1, -(-rows // TIMES_KEPT))
 
 
 def dispersed(log: Log, nominal: Nominal, flights: int = DISPERSED_FLIGHTS,
               progress: Callable[[int], object] | None = None) -> Dispersed | None:
-    """Return the log's place among `flights` dispersed flights; None where the nominal cannot fly (`along`)."""
+    """Return the log's place among `flights` dispersed flights of the nominal; None if it cannot fly (`along`)."""
     craft = along(log, nominal)
     if craft is None:
         return None
@@ -175,7 +177,7 @@ def dispersed(log: Log, nominal: Nominal, flights: int = DISPERSED_FLIGHTS,
 
 
 def place(t: np.ndarray, measured: np.ndarray, flights: np.ndarray, peak: float) -> Place:
-    """Return the place of a channel (m,) among flights (f, m), NaN where one has ended; `peak` as in `Place`."""
+    """Return the place of a measured channel (m,) among flights (f, m), NaN after their end; peak: as in `Place`."""
     alive = np.isfinite(flights).any(axis=0)
     low, middle, high = (np.full(len(t), np.nan) for _ in range(3))
     low[alive], middle[alive], high[alive] = np.nanquantile(flights[:, alive], (PERCENTILES[0], 0.5, PERCENTILES[1]),

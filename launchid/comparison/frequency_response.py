@@ -60,8 +60,8 @@ PAIRS = (("beta", "theta_ddot"), ("beta_cmd", "beta"))
 
 
 class Spectra(NamedTuple):
-    """Windowed transforms of input, output and instrument, (segments, bins) each, at frequency (bins,) [Hz]; middles
-    (segments,) [s] of the segments; resolution [Hz]: one over their length."""
+    """Windowed transforms of input u, output y and instrument r, (segments, bins) each, at frequency (bins,) [Hz];
+    middles (segments,) [s] of the segments; resolution [Hz]: one over their length."""
 
     frequency: np.ndarray
     u: np.ndarray
@@ -72,10 +72,11 @@ class Spectra(NamedTuple):
 
 
 class Response(NamedTuple):
-    """A frequency response, measured and of a nominal; arrays over frequency [Hz].
+    """A frequency response as measured, and the nominal's; arrays over frequency [Hz].
 
-    source, to   names of input and output;  instrument  "test_input", "theta_ref" or None: the input itself
-    gain, nominal   complex;  std  relative, of the gain, and [rad] of the phase
+    source, to   names of input and output;  instrument: "test_input", "theta_ref", or None: the input itself
+    gain, nominal   complex response, measured and of the nominal
+    std          of the measured gain, relative, which is that of its phase [rad] too
     coherence    of input and output; with an instrument the smaller one of instrument and input, instrument and output
     """
 
@@ -90,8 +91,8 @@ class Response(NamedTuple):
 
 
 def frequency_responses(log: Log, nominal: Nominal) -> list[Response]:
-    """Return the responses of PAIRS that the log has columns, rows and motion for: with the instrument, where there is
-    one, and of the input itself."""
+    """Return a response for each of PAIRS that the log has columns, rows and motion for: one with the instrument, if
+    there is one, and one of the input itself."""
     made = []
     name, series = instrument(log, nominal)
     order = PREWHITENED if name == "theta_ref" else 0
@@ -116,7 +117,7 @@ def frequency_responses(log: Log, nominal: Nominal) -> list[Response]:
 
 
 def instrument(log: Log, nominal: Nominal) -> tuple[str | None, np.ndarray | None]:
-    """Return the name and the values (n,) of what moves the loop and is moved by nothing in it; None: there is none."""
+    """Return (name, values (n,)) of what moves the loop from outside, test input or reference; else (None, None)."""
     t = np.where(np.isfinite(log.t), log.t, -1.0)
     test = np.zeros(len(t)) if nominal.test_input is None else nominal.test_input.at(t)
     for name, series in (("test_input", test), ("theta_ref", log.theta_ref)):
@@ -128,12 +129,12 @@ def instrument(log: Log, nominal: Nominal) -> tuple[str | None, np.ndarray | Non
 
 def transforms(log: Log, source: str, to: str, series: np.ndarray | None, order: int = 0,
                lines: Sequence[float] = ()) -> Spectra | None:
-    """Return the windowed transforms of a log's segments, of those that are measured nearly everywhere; None without
-    MIN_SEGMENTS of them.
+    """Return windowed transforms of the log's segments in which at least MEASURED_SHARE of the rows are measured; None
+    if they are fewer than MIN_SEGMENTS.
 
-    source, to   columns;  theta_ddot is made of theta_dot where it is not measured
-    series       (n,) the instrument; None: the input;  order  how often all are differenced before
-    lines        [Hz] of sines that move the loop
+    source, to   columns of input and output;  theta_ddot is made of theta_dot if it is not measured
+    series       (n,) the instrument; None: the input;  order: how often all are differenced before
+    lines        [Hz] frequencies of sines in the test input
     """
     if to == "theta_ddot" and not np.isfinite(log.theta_ddot).any():
         to = "theta_dot"
@@ -168,10 +169,10 @@ def transforms(log: Log, source: str, to: str, series: np.ndarray | None, order:
 
 
 def frequencies(lines: np.ndarray, rows: int, period: float) -> np.ndarray:
-    """Return the frequencies (bins,) [Hz] of a segment at which a response is estimated, ascending.
+    """Return the frequencies (bins,) [Hz] of a segment of `rows` at which a response is estimated, ascending.
 
-    Those of its whole periods; beside a line of the input the window shows the line, with its response and not that of
-    the frequency, so the frequency of a line that no other is near stands instead of those in its main lobe.
+    Those of its whole periods; near a line (sine of the input, `lines` [Hz]) the window shows the line's response, so
+    the line's own frequency replaces those within its main lobe, if no other line is as near.
     """
     bins, lobe = np.fft.rfftfreq(rows, period), LOBE / (rows * period)
     apart = np.array([line for k, line in enumerate(lines) if np.all(np.abs(np.delete(lines, k) - line) >= lobe)])
@@ -179,7 +180,7 @@ def frequencies(lines: np.ndarray, rows: int, period: float) -> np.ndarray:
 
 
 def estimated(of: Spectra) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the complex gain, its relative standard deviation, and the coherence (bins,) of what was transformed."""
+    """Return complex gain, its relative standard deviation, and coherence, (bins,) each, from the transforms."""
     def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return np.asarray(np.mean(np.conj(a) * b, axis=0))
 
@@ -201,8 +202,8 @@ def estimated(of: Spectra) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def of_nominal(of: Spectra, nominal: Nominal, pair: tuple[str, str], hold: float) -> np.ndarray:
-    """Return the nominal's response (bins,): of each segment the frozen one at its middle, weighted as the estimate
-    weighs it, by the segment's own cross spectrum of instrument and input; `hold` [s] of a command."""
+    """Return the nominal's response (bins,): that of frozen a6 and k1 in each segment's middle, averaged with the
+    weights of the estimate, each segment's cross spectrum of instrument and input.  hold: [s] of a command."""
     if pair[1] == "beta":
         return servo(nominal, of.frequency, hold)
     a6, k1 = parameters(nominal, of.middles)
@@ -213,8 +214,8 @@ def of_nominal(of: Spectra, nominal: Nominal, pair: tuple[str, str], hold: float
 
 
 def airframe(nominal: Nominal, a6: np.ndarray, k1: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-    """Return beta -> theta_ddot at frequencies [Hz] of frozen a6 and k1 [1/s^2], with the damping, the sloshing masses
-    and the nozzle's inertia that the nominal's effects give it; its other effects are not in it."""
+    """Return the response beta -> theta_ddot at frequencies [Hz] for frozen a6 and k1 [1/s^2], with damping, sloshing
+    masses and nozzle inertia of the nominal's effects; its other effects are not in it."""
     s, changes = 2j * np.pi * frequency, packed(nominal)
     top, bottom = k1 + changes.nozzle_inertia * s**2, s**2 + changes.aero_damping * s - a6
     for effect in nominal.effects:
@@ -226,8 +227,8 @@ def airframe(nominal: Nominal, a6: np.ndarray, k1: np.ndarray, frequency: np.nda
 
 
 def servo(nominal: Nominal, frequency: np.ndarray, hold: float) -> np.ndarray:
-    """Return beta_cmd -> beta at frequencies [Hz], of a command that is held over `hold` [s] and a nozzle that is read
-    when the next one is issued: the sampled servo, exactly, NaN where the nominal has none.
+    """Return the response beta_cmd -> beta at frequencies [Hz], of a command held over `hold` [s] and a nozzle that is
+    read when the next one is issued: the sampled servo, exactly; NaN if the nominal has no actuator.
 
     A command waits `whole` holds and a part of one; in each hold the older command acts first, for that part.
     """

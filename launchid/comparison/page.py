@@ -1,4 +1,4 @@
-"""The report of a comparison: one page that needs no network, the comparison as JSON, the figures."""
+"""Write the report of a comparison: one page that needs no network, the comparison as JSON, the figures."""
 
 import functools
 from pathlib import Path
@@ -36,20 +36,21 @@ GLOSSARY = (
 
 
 def pictures_of(made: Comparison) -> dict[str, Picture]:
-    """Return name of the file -> picture."""
+    """Return file name -> picture (heading, caption, drawing function) of the comparison's figures."""
     from .figures import COMPARISON_FIGURES
     return {name: Picture(*CAPTIONS[name], functools.partial(draw, made)) for name, draw in COMPARISON_FIGURES.items()}
 
 
 def write_comparison(made: Comparison, folder: str | Path) -> None:
-    """Write report.html, compare.json and the figures into a folder that is made if need be."""
+    """Write report.html, compare.json and the figures into a folder, which is made if there is none."""
     names = ", ".join(each.label for each in made.nominals)
     write_report(folder, f"Measured beside {names}", f"launchid compare: {Path(made.log.path).name}",
                  summary_table(made), pictures_of(made), ("compare.json", made.to_json()), GLOSSARY)
 
 
 def summary_table(made: Comparison) -> str:
-    """The first screen: fit and coefficient of each channel and nominal, and its place in the dispersions."""
+    """Return the report's first screen as HTML: a row for each channel and nominal with fits, Theil's coefficients and
+    place among dispersed flights, then lines on the responses."""
     rows = []
     for name in FLOWN_CHANNELS:
         for said in made.report["nominals"]:

@@ -1,12 +1,12 @@
-"""A log predicted a little ahead by a nominal.
+"""Predict a log a little ahead with a nominal, and measure how well that is done.
 
 At each start the state is as the nominal's own filter, at its declared noise, knows it from all rows before; from there
 the nominal runs free on the logged commands (k-step prediction: Ljung, System Identification, 2nd ed., ch. 3.2 and
 16.5).  Vehicle, effects, wind and missing rows are those of the diagnosis (`diagnosis.model`).  Offsets that the
 nominal declares are fitted to the whole log, within what it declares.
 
-The command is what the prediction is given.  It is predicted itself where the nominal's controller can be asked: what
-that would have commanded at the attitude as predicted, with the reference of the log.
+Predictions are given the logged command.  The command itself is predicted if the nominal's controller can be run: what
+it would have commanded at the predicted attitude, with the log's reference.
 
 How well a series meets a measured one: H. Theil, Applied Economic Forecasting, North-Holland, 1966, ch. 2 (the
 inequality coefficient, and the three shares of the mean squared error); R. V. Jategaonkar, Flight Vehicle System
@@ -42,11 +42,11 @@ HORIZON_TOLERANCE = 0.05  # of a horizon by which whole rows may miss it
 
 
 class Predicted(NamedTuple):
-    """The predictions of one channel over one horizon; arrays (s,) in the channel's unit.
+    """Predictions of one channel over one horizon; arrays (s,) in the channel's unit.
 
     t         [s] the times predicted for, on the log's clock
-    measured, predicted   NaN where the log has no value, or the model has run away
-    noise     rms error of a nominal without a fault: what its declared noise leaves; NaN: not known
+    measured, predicted   NaN where the log has no value, or the prediction has diverged
+    noise     rms error that the declared noise alone makes, if the nominal is right; NaN: not known
     """
 
     t: np.ndarray
@@ -59,10 +59,10 @@ Predictions = dict[str, dict[float, Predicted]]   # of channels and horizons [s]
 
 
 def predictions(log: Log, nominal: Nominal, data: DataCheck) -> Predictions:
-    """Return the predictions of every measured channel over HORIZONS; a horizon that is no whole number of rows is left
-    out.
+    """Return channel -> horizon [s] -> predictions, of every measured channel; a horizon of HORIZONS that is no whole
+    number of rows is left out.
 
-    log, nominal  as read;  data  the check of the one against the other
+    log, nominal  as read;  data: the data check of the log with this nominal
     """
     r = _record(log, nominal, data)
     m = _filtered(r)
@@ -96,14 +96,13 @@ def predictions(log: Log, nominal: Nominal, data: DataCheck) -> Predictions:
 
 
 def _record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
-    """The log on its grid with its commands, of a long or fast one the rows that a diagnosis uses."""
+    """Return the log on its grid with its commands; of a long or fast log the rows that a diagnosis uses."""
     draft = shortened(record(log, nominal, sparser(data, log.t, nominal)))
     return used(with_commands(draft, follow)[0], log.t[data.usable])[0]
 
 
 def _filtered(r: Record) -> Model:
-    """The nominal's filter after its run, with covariances: at what the nominal declares, without the slow moment that
-    a diagnosis allows every nominal."""
+    """Return the nominal's filter after its run over the log, with covariances, at declared noise, no slow moment."""
     m = Model(track_of(r), "declared")
     m.with_numbers(usual(m), [])
     if not m.is_windy:
@@ -121,14 +120,14 @@ def _filtered(r: Record) -> Model:
 
 
 def _logged(r: Record) -> np.ndarray:
-    """The command (n,) [rad] of every row, NaN where the log does not have it."""
+    """Return the command (n,) [rad] of every row, NaN where the log lacks it."""
     issued = r.commands[:r.rows]
     return issued if r.logged is None else np.where(r.logged, issued, np.nan)
 
 
 def _commands(r: Record, start: np.ndarray, theta: np.ndarray) -> np.ndarray | None:
-    """The commands (s, rows ahead) [rad] of the nominal's attitude law at attitudes theta (s, rows ahead) [rad] that
-    follow the rows `start` (s,); None of another law, without a reference, or where rows are no ticks."""
+    """Return the commands (s, rows ahead) [rad] of the nominal's attitude law at predicted theta (s, rows ahead) [rad]
+    after rows `start` (s,); None for another law, without a reference, or if rows are not the controller's periods."""
     law, actuator = r.nominal.controller, r.nominal.actuator
     known = np.isfinite(r.reference) & np.isfinite(r.z[:, 0])
     if law is None or actuator is None or law.is_rate_law or law.filters or r.input != "beta_cmd" or not known.any() \
@@ -173,7 +172,7 @@ class Statistics(NamedTuple):
     tic         Theil's inequality coefficient, rms(z - y) / (rms z + rms y): 0 exact, 1 no relation
     bias        share of the mean square of z - y that is of the means: (mean z - mean y)^2
     variance    share that is of the spreads: (std z - std y)^2
-    covariance  share that is left, 2 (1 - correlation) std z std y: what no shift or scale of y takes away
+    covariance  the other share, 2 (1 - correlation) std z std y: no shift or scale of y removes it
     """
 
     fit: float
@@ -189,7 +188,7 @@ NO_STATISTICS = Statistics(*[math.nan] * len(Statistics._fields))
 
 
 def statistics(measured: np.ndarray, simulated: np.ndarray) -> Statistics:
-    """Return the statistics of two series (n,), of the values that both have.
+    """Return the statistics of two series (n,), of the rows where both are finite; NaN of fewer than MIN_VALUES.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The answer of `compare`: a log beside one or several nominals."""
+"""The result of `compare`: a log beside one or several nominals."""
 
 import math
 from collections.abc import Sequence
@@ -32,8 +32,8 @@ BIASED = "in closed loop it is drawn towards the controller's inverse, the more 
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """A log beside one nominal: `label` names it among the others; flown, dispersed: None where it cannot fly the
-    log."""
+    """A log compared with one nominal, which `label` names; flown (channel -> values (rows,)) and dispersed are None if
+    it cannot fly the log."""
 
     label: str
     nominal: Nominal
@@ -45,7 +45,7 @@ class Beside:
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Answer):
-    """A log beside nominals, in the order in which these were given; the log without what the data check masks."""
+    """Result of `compare`: a log, without what the data check masks, compared with nominals in the order given."""
 
     log: Log
     nominals: list[Beside]
@@ -67,7 +67,7 @@ class Comparison(Answer):
         return "\n".join([*lines, *self._dispersion_lines(), *self.response_lines(), *self._verdict_lines()])
 
     def _rows(self) -> list[dict[str, Any]]:
-        """One row for each channel, prediction or flight, and nominal."""
+        """Return a dict of statistics for each channel, prediction or flight, and nominal."""
         rows = []
         for channel in FLOWN_CHANNELS:
             for of in (*(f"{h:g}" for h in HORIZONS), "flown"):
@@ -80,7 +80,7 @@ class Comparison(Answer):
         return rows
 
     def _verdict_lines(self) -> list[str]:
-        """The error of the longest prediction over that which declared noise makes, a line for each nominal."""
+        """Return a line for each nominal: its error in the longest prediction over what declared noise makes."""
         lines, horizon = [], f"{HORIZONS[-1]:g}"
         for each in self.report["nominals"]:
             found = {name: said["ahead"].get(horizon) for name, said in each["channels"].items()}
@@ -106,7 +106,8 @@ class Comparison(Answer):
         return lines
 
     def response_lines(self) -> list[str]:
-        """What the frequency responses tell, a line for each pair and instrument."""
+        """Return a line for each pair and instrument: at which frequencies the response is coherent, and at how many of
+        them each nominal is in its 95 % region."""
         lines: dict[str, list[str]] = {}
         for each in self.nominals:
             for response in each.responses:
@@ -130,18 +131,18 @@ class Comparison(Answer):
         return comparison_figure(self)
 
     def figures(self) -> dict[str, "Figure"]:
-        """Name -> matplotlib figure: the comparison, the dispersions, the frequency responses, of what there is."""
+        """Return file name -> matplotlib figure, of what can be drawn: comparison, dispersions, responses."""
         from .figures import COMPARISON_FIGURES
         return {name: figure for name, make in COMPARISON_FIGURES.items() if (figure := make(self)) is not None}
 
     def write_report(self, folder: str | Path) -> None:
-        """report.html, compare.json and the figures."""
+        """Write report.html, compare.json and the figures into a folder."""
         from .page import write_comparison
         write_comparison(self, folder)
 
 
 def labels(nominals: Sequence[Nominal]) -> list[str]:
-    """Return a name for each nominal that no other has: of its file, its path, or with its place behind it."""
+    """Return a distinct name for each nominal: its file's name, else its path, else that with its number."""
     paths = [each.path or each.name for each in nominals]
     for names in ([Path(path).stem for path in paths], paths):
         if len(set(names)) == len(names):
@@ -150,14 +151,13 @@ def labels(nominals: Sequence[Nominal]) -> list[str]:
 
 
 def masked(log: Log, data: DataCheck) -> Log:
-    """Return the log without the stamps and values in which the data check finds a fault."""
+    """Return the log with NaN for stamps and values in which the data check finds a fault."""
     columns: dict[str, Any] = {name: np.where(mask, getattr(log, name), np.nan) for name, mask in data.masks.items()}
     return replace(log, t=np.where(data.usable, log.t, np.nan), **columns)
 
 
 def within(response: Response) -> np.ndarray:
-    """Return where the nominal is inside the 95 % region of the measured gain and phase, which together have two
-    degrees of freedom."""
+    """Return where (bins,) the nominal is in the joint 95 % region of measured gain and phase, as bool."""
     region = 5.991  # 95 % of chi-squared with two degrees of freedom
     return np.asarray(np.abs(np.log(response.gain / response.nominal))**2 <= region * response.std**2)
 
@@ -166,7 +166,7 @@ def within(response: Response) -> np.ndarray:
 
 
 def report(log: Log, made: Sequence[Beside]) -> dict[str, Any]:
-    """Return the compare JSON."""
+    """Return the compare JSON of a log: for each nominal statistics of its channels and its frequency responses."""
     return {"nominals": [{"nominal": each.label, "channels": {
         name: _channel(name, getattr(log, name), each) for name in FLOWN_CHANNELS
         if np.isfinite(getattr(log, name)).any()},
@@ -198,8 +198,8 @@ def _response(of: Response) -> dict[str, Any]:
 
 
 def decibels_and_degrees(of: Response) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return gain [dB] and phase [deg] as measured, then of the nominal, both phases without jumps: the nominal's
-    begins in -270 to 90, the measured one is near it where it begins, and follows itself where it is coherent."""
+    """Return gain [dB] and phase [deg] as measured, then of the nominal, (bins,) each.  Phases have no jumps; the
+    nominal's begins in -270 to 90, the measured one near it, and it follows itself where it is coherent."""
     believed = np.where(np.isfinite(of.nominal), of.nominal, 1.0)
     lost, usable = ~np.isfinite(of.nominal), of.coherence > COHERENT
     phase = np.degrees(np.unwrap(np.angle(believed)))

@@ -1,13 +1,13 @@
-"""Channels of different rates onto one clock, by a map, without making up data.
+"""Bring channels of different rates onto one clock, by a map (MAP.toml), without making up data.
 
 The log's rows are those of one column's group (the map's `clock`, else the slower of theta and beta).  Another column
-gives a row
+gives a row one value, by its `take`
 
     nearest   its sample nearest to the row, each sample to one row at most, no farther than half a period of the clock
-    held      its last sample at or before the row, for what a computer says, no older than three of its own periods
+    held      its last sample at or before the row, as a computer's output holds, no older than three of its own periods
     linear    between the samples before and after the row, if those are no farther apart than two of its own periods
 
-and nothing (NaN: not measured) where there is none.
+and NaN (not measured) where there is none.
 """
 
 import difflib
@@ -33,14 +33,14 @@ TILT = 0.2        # rad: a body turned by so much about another axis loses 2 % (
 
 
 def converted(path: str, mapping: Map, required: tuple[str, ...]) -> tuple[Log, tuple[str, ...]]:
-    """The log that a map makes of a flight's file, and lines of what a user should know of it."""
+    """Return the log that a map makes of a flight's file, and notes for the user (what was left out or corrected)."""
     channels = read_channels(path, mapping.options, mapping.channels())
     columns = mapped(path, channels, mapping)
     return log_of(columns, path, required), (*channels.notes, *columns.notes)
 
 
 def mapped(path: str, channels: Mapping[str, np.ndarray], mapping: Map) -> Channels:
-    """The log's columns (n,) of a file's channels; InputError naming what the file lacks."""
+    """Return the log's columns, name -> (n,) in SI units, from a file's channels; InputError names what is missing."""
     columns = Channels()
     with np.errstate(all="ignore"):  # what overflows is no number, which the data check finds
         sources = {source.column: _with_values(*sampled(path, channels, mapping, source, columns.notes))
@@ -74,25 +74,25 @@ def mapped(path: str, channels: Mapping[str, np.ndarray], mapping: Map) -> Chann
 
 
 def _with_values(stamps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same, or, of a column that is empty in most rows, the rows where it is not: a series of its own rate."""
+    """Return stamps and values (n,) as they are; if most values are not finite, those of the finite rows alone."""
     filled = np.isfinite(values)
     return (stamps[filled], values[filled]) if 0 < 2 * filled.sum() <= len(filled) else (stamps, values)
 
 
 def _slower(columns: dict[str, tuple[np.ndarray, np.ndarray]]) -> str:
-    """The one of theta and beta that has fewer rows: then no row lacks the other."""
+    """Return that one of theta and beta which has fewer rows: then every row has both."""
     names = [str(name) for name in ("theta", "beta", "beta_cmd") if name in columns][:2] or list(columns)
     return min(names, key=lambda name: len(columns[name][0]))
 
 
 def _origin(stamps: np.ndarray) -> float | int:
-    """The first stamp that is one; an integer or a date [ns] stays exact, so that no digit of a large one is lost."""
+    """Return the first stamp that is a number; an integer or a date [ns] stays exact, so that no digit is lost."""
     fair = stamps[~np.isnat(stamps)].astype(np.int64) if stamps.dtype.kind == "M" else stamps[np.isfinite(stamps)]
     return fair[0] if len(fair) else 0
 
 
 def _seconds(stamps: np.ndarray, origin: float | int, mapping: Map) -> np.ndarray:
-    """Seconds (n,) from the origin on; NaN of a date that is none."""
+    """Return stamps (n,) in seconds after the origin, NaN for a date that is none."""
     if stamps.dtype.kind == "M":
         return np.where(np.isnat(stamps), math.nan, (stamps.astype(np.int64) - origin) / TIME_UNITS["ns"])
     return (stamps - origin) * mapping.period if mapping.period is not None else (stamps - origin) / mapping.units
@@ -116,7 +116,8 @@ def _channel(path: str, channels: Mapping[str, np.ndarray], name: str, map_path:
 
 
 def stamps_name(path: str, channels: Mapping[str, np.ndarray], mapping: Map, source: Source) -> str:
-    """The channel of a source's stamps: its own `time`, or the map's in its group, or that anywhere; InputError."""
+    """Return the channel of a source's stamps (its own `time`, the map's in its group, else that outside all; "" with a
+    fixed period); InputError if the file lacks it."""
     if mapping.period is not None and source.time is None:
         return ""
     group = source.channels[0].rpartition("/")[0]
@@ -130,9 +131,9 @@ def stamps_name(path: str, channels: Mapping[str, np.ndarray], mapping: Map, sou
 
 def sampled(path: str, channels: Mapping[str, np.ndarray], mapping: Map, source: Source,
             notes: list[str] | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Stamps as in the file and values in SI units of one source, (n,) each.
+    """Return stamps (n,) as in the file and values (n,) in SI units of one source; InputError if a channel is missing.
 
-    notes  inout: gets lines of turns: an angle's that jumps, and a body's about its other axes
+    notes  inout: gets lines about jumps of a turn that were taken out, and turns about the body's other axes
     """
     parts = [_channel(path, channels, name, mapping.path) for name in source.channels]
     of_stamps = stamps_name(path, channels, mapping, source)
@@ -161,8 +162,8 @@ def sampled(path: str, channels: Mapping[str, np.ndarray], mapping: Map, source:
 
 
 def _other_turns(path: str, source: Source, axis: int, q: np.ndarray) -> list[str]:
-    """A line if attitudes q (n, 4), w first, turn about the axes that are not the source's, by so much that the turn
-    about that one is no more the integral of its rate."""
+    """Return a line, else [], if attitudes q (n, 4), w first, turn by more than TILT about the other axes: then the
+    turn about `axis` is no longer the integral of its rate."""
     q = q[np.isfinite(q).all(axis=1)]
     if len(q) < 2:
         return []
@@ -192,10 +193,10 @@ def _relative(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def turned(q: np.ndarray, axis: int, reference: tuple[float, ...] | None) -> np.ndarray:
-    """Angle [rad] (n,), continuous, by which attitudes q (n, 4), w first, are turned about a body axis.
+    """Return the continuous angle [rad] (n,) by which attitudes q (n, 4), w first, are turned about body axis 0, 1, 2.
 
-    The twist of the swing-twist decomposition of conj(reference) q: exact for a turn about that axis, and regular where
-    Euler angles are not (a launcher stands upright).
+    The twist in the swing-twist decomposition of conj(reference) q (None: the first row), exact for a turn about that
+    axis, and regular where Euler angles are not (a launcher stands upright).  NaN for a row that is not finite.
     """
     fair = np.isfinite(q).all(axis=1)
     angle = np.full(len(q), math.nan)
@@ -210,7 +211,7 @@ def turned(q: np.ndarray, axis: int, reference: tuple[float, ...] | None) -> np.
 
 
 def _on_clock(t: np.ndarray, at: np.ndarray, values: np.ndarray, source: Source) -> np.ndarray:
-    """values (k,) sampled `at` (k,) [s], on rows t (n,) [s]; NaN where there is none."""
+    """Return values (k,), sampled `at` (k,) [s], on rows t (n,) [s] by the source's `take`; NaN where there is none."""
     fair = np.isfinite(at) & np.isfinite(values)
     order = np.argsort(at[fair], kind="stable")
     at, values = at[fair][order], values[fair][order]
@@ -238,7 +239,7 @@ def _on_clock(t: np.ndarray, at: np.ndarray, values: np.ndarray, source: Source)
 
 def _give_nearest(t: np.ndarray, rows: np.ndarray, at: np.ndarray, values: np.ndarray, within: float,
                   out: np.ndarray) -> None:
-    """Each sample to the row nearest to it, of several the nearest; out (n,) inout."""
+    """Write into `out` (n,), in place, each of `values` at the row nearest to its stamp; a row keeps its nearest."""
     order = rows[np.argsort(t[rows], kind="stable")]
     stamps = t[order]
     right = np.clip(np.searchsorted(stamps, at), 1, max(len(stamps) - 1, 1))

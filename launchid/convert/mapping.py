@@ -1,4 +1,4 @@
-"""MAP.toml: which channel of a flight's file is which column of the log, in which unit, at which time."""
+"""Read MAP.toml, which says which channel of a flight's file is which column of the log, its unit and its stamps."""
 
 import math
 import re
@@ -28,14 +28,14 @@ ONLY_OF = {"weights": "sum", "order": "quaternion", "axis": "quaternion", "refer
 
 @dataclass(frozen=True)
 class Source:
-    """The source of one column: a weighted sum of channels, or the angle of a quaternion about one axis.
+    """Source of one column of the log: a weighted sum of channels, or the angle of a quaternion about one axis.
 
-    channels   of the sum, or the quaternion's four, w first;  weights  of the sum
-    axis       0, 1, 2 of the quaternion; None: a sum.  reference: w, x, y, z of attitude 0; None: the first row's
-    scale, offset  value = scale*raw + offset, in `factor` of the column's SI unit
-    take       the nearest row, the last one (held), or linear between two
-    time       the channel of its stamps; None: the map's, in its own group
-    within     [s] farthest row that counts; None: see `columns`
+    channels   of the sum, or the quaternion's four, w first;  weights: of the sum
+    axis       0, 1, 2: of the quaternion; None: a sum.  reference: attitude w, x, y, z of angle 0; None: that of row 0
+    scale, offset, factor  value in the column's SI unit = factor*(scale*raw + offset)
+    take       value that a row gets: "nearest", "held" (the last before it) or "linear"
+    time       channel of its stamps; None: the map's, in its own group
+    within     [s] farthest value from a row that counts; None: see `columns`
     """
 
     column: str
@@ -53,8 +53,14 @@ class Source:
 
 @dataclass(frozen=True)
 class Map:
-    """One map: sources in the order of the log's columns; stamps, of which there are `units` in a second; the column
-    whose rows are the log's; what `text.read_text` takes; the period [s] of rows that have no stamps."""
+    """Map of a flight's file to a log, as it was read from `path`.
+
+    sources  in the order of the log's columns
+    time     channel of the stamps, of which `units` make a second; from_first: t = 0 is at the first
+    clock    column whose rows are the log's; None: the slower of theta and beta
+    options  of a text file, see `text.read_text`
+    period   [s] of rows without stamps; None: they have stamps
+    """
 
     path: str
     sources: tuple[Source, ...]
@@ -66,13 +72,13 @@ class Map:
     period: float | None = None
 
     def channels(self) -> frozenset[str]:
-        """The channels that the map may take from a file: its own, and their stamps where they may stand."""
+        """Return the names of all channels that the map can need of a file: of its sources and their stamps."""
         stamps = _stamps(self.sources, self.time) if self.period is None else frozenset()
         return stamps.union(*(source.channels for source in self.sources))
 
 
 def load_map(path: str | Path) -> Map:
-    """Read and check a map; InputError in one line if it cannot be used."""
+    """Read and check a map; raise InputError, in one line that names file and key, if it cannot be used."""
     path = str(path)
     try:
         reads(path)
@@ -87,14 +93,13 @@ def load_map(path: str | Path) -> Map:
 
 
 def _stamps(sources: tuple[Source, ...], time: str) -> frozenset[str]:
-    """The channels in which the stamps of these sources may stand: in the group of each, outside all, or where it
-    says."""
+    """Return the channels that may hold these sources' stamps: `time` in the group of each or in none, their own."""
     groups = {name.rpartition("/")[0] for source in sources for name in source.channels}
     return frozenset({time, *(f"{group}/{time}" for group in groups), *(each.time for each in sources if each.time)})
 
 
 def _cut(value: object) -> str:
-    """A value for a message."""
+    """Return a value as text for a message, cut to a readable length."""
     try:
         return shown(repr(value))[1:-1]
     except (ValueError, RecursionError):  # an integer of too many digits for Python to print
@@ -102,7 +107,7 @@ def _cut(value: object) -> str:
 
 
 class _Reader:
-    """One file, with its places for messages."""
+    """Reader and checker of one map's TOML table; its errors name the key."""
 
     def __init__(self, path: str, table: dict[str, Any]) -> None:
         self.path, self.table = path, table
@@ -160,7 +165,7 @@ class _Reader:
             options=options, period=period)
 
     def period(self, time: dict[str, Any]) -> float | None:
-        """The period [s] of rows without stamps; None if they have a channel of them."""
+        """Return the period [s] of rows without stamps; None if [time] names a channel of stamps."""
         if "period" not in time:
             if not isinstance(time.get("name"), str):
                 raise self.fail("time.name", time.get("name"), "the name of the stamps' channel, or a time.period [s]")
@@ -172,7 +177,7 @@ class _Reader:
         return self.number("time.period", time["period"], SHORTEST_STEP)
 
     def options(self) -> dict[str, Any]:
-        """The options of the file's text ([file])."""
+        """Return the checked options of a text file ([file]): delimiter, decimal, header."""
         options = self.section("file", self.table.get("file", {}), ("delimiter", "decimal", "header"))
         for key in ("delimiter", "decimal"):
             value = options.get(key, "x")
@@ -208,7 +213,7 @@ class _Reader:
             self.word(place, table, "time", None, None), within)
 
     def fits_the_source(self, name: str, place: str, table: dict[str, Any], given: str) -> None:
-        """Refuse keys that a source would leave unused, which the map's writer believes to be used."""
+        """Raise InputError for keys that this kind of source (`given`: from, sum, quaternion) would not use."""
         if given == "quaternion" and name in PER_SECOND:
             raise InputError(f"{self.path}: {place}.quaternion: a quaternion is an attitude, {name} is not; expected "
                              "from or sum")

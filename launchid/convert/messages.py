@@ -1,4 +1,4 @@
-"""Logs of messages, as channels TOPIC/FIELD: PX4's ULog, ArduPilot's DataFlash, MCAP of ROS and others."""
+"""Read logs of messages as channels TOPIC/FIELD: PX4's ULog, ArduPilot's DataFlash, MCAP of ROS and others."""
 
 import contextlib
 import io
@@ -25,7 +25,7 @@ NAME_BYTES = 40           # bytes of a damaged name
 
 
 def _topic(name: str, instance: int) -> str:
-    """A further instance of a topic is TOPIC.1, TOPIC.2, ..."""
+    """Return the name of a topic, TOPIC.1, TOPIC.2, ... for its further instances."""
     return f"{name}.{instance}" if instance else name
 
 
@@ -35,7 +35,7 @@ def _topics(wanted: Wanted) -> set[str] | None:
 
 
 def read_ulog(path: str, wanted: Wanted) -> Channels:
-    """Topics of a PX4 log: TOPIC/FIELD, of a further instance TOPIC.1/FIELD."""
+    """Return the wanted channels of a PX4 log (ULog): TOPIC/FIELD, TOPIC.1/FIELD for a further instance."""
     import pyulog
     _walk_definitions(path)
     channels = Channels()
@@ -52,8 +52,7 @@ def read_ulog(path: str, wanted: Wanted) -> Channels:
 
 
 def _walk_definitions(path: str) -> None:
-    """ValueError if the messages before the first of data are damaged, where the library would not end, or declare
-    more than a message can hold."""
+    """Raise ValueError if the definitions ahead of a ULog's data are damaged (pyulog would not end) or too large."""
     formats: dict[bytes, list[bytes]] = {}
     with open(path, "rb") as file:
         file.seek(ULOG_HEADER)
@@ -88,7 +87,7 @@ def _declared(formats: dict[bytes, list[bytes]], name: bytes, known: dict[bytes,
 
 
 def read_dataflash(path: str, wanted: Wanted) -> Channels:
-    """Messages of an ArduPilot log, binary or text: MESSAGE/FIELD, of a further instance MESSAGE.1/FIELD."""
+    """Return the wanted channels of an ArduPilot log, binary or text: MESSAGE/FIELD, MESSAGE.1/FIELD (instances)."""
     from pymavlink import DFReader
 
     class Binary(DFReader.DFReader_binary):
@@ -133,7 +132,7 @@ class _Formats(dict[int, Any]):
 
 
 class _Heard(io.TextIOBase):
-    """A stream for a library's talk of damage: it says whether there was any; ValueError when it does not end."""
+    """A stream for what a library prints about damage: it notes whether there was any; ValueError if too much."""
 
     def __init__(self) -> None:
         self.times = 0
@@ -153,8 +152,8 @@ class _Heard(io.TextIOBase):
 
 
 def read_mcap(path: str, wanted: Wanted) -> Channels:
-    """Topics of an MCAP file: TOPIC/FIELD.FIELD[k], with TOPIC/log_time in ns.  Those in JSON; in the encoding of ROS 2
-    or protobuf if `mcap-ros2-support` or `mcap-protobuf-support` is installed; others are left out."""
+    """Return the wanted channels of an MCAP file: TOPIC/FIELD.FIELD[k], TOPIC/log_time [ns].  JSON is read always, ROS
+    2 and protobuf with `mcap-ros2-support` or `mcap-protobuf-support`; other encodings are noted as unread."""
     from mcap.reader import SeekingReader
     size = os.path.getsize(path)
     factories = _factories()
@@ -181,7 +180,7 @@ def read_mcap(path: str, wanted: Wanted) -> Channels:
 
 
 class _Topic:
-    """The rows of one topic; of each field the rows that have it."""
+    """The messages of one topic as columns; a field that a message lacks is NaN in its row."""
 
     def __init__(self, prefix: str, wanted: Wanted) -> None:
         self.prefix, self.wanted, self.rows = prefix, wanted, 0
@@ -213,7 +212,7 @@ class _Topic:
 
 
 def _check_chunks(file: Any, size: int) -> None:
-    """ValueError if a chunk declares more than a recorder writes: the library would ask for that memory."""
+    """Raise ValueError if a chunk declares more bytes than a recorder writes: the library would allocate them."""
     import zstandard
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader
@@ -227,14 +226,14 @@ def _check_chunks(file: Any, size: int) -> None:
 
 
 def _decoder(factories: list[Any], encoding: str, schema: Any) -> Callable[[bytes], Any] | None:
-    """Bytes of a message -> its fields; None: nothing here reads this encoding."""
+    """Return the function from a message's bytes to its fields; None if nothing here reads this encoding."""
     if encoding == "json":
         return json.loads
     return next((decode for factory in factories if (decode := factory.decoder_for(encoding, schema))), None)
 
 
 def _factories() -> list[Any]:
-    """The decoders of encodings beside JSON that are installed."""
+    """Return the installed decoder factories, for encodings other than JSON."""
     factories: list[Any] = []
     try:
         from mcap_ros2.decoder import DecoderFactory as Ros2
@@ -250,7 +249,7 @@ def _factories() -> list[Any]:
 
 
 def _fields(prefix: str, value: Any) -> Iterator[tuple[str, float]]:
-    """The numbers of a decoded message, by the path to them."""
+    """Yield (path, number) of all numbers in a decoded message."""
     if isinstance(value, (bool, int, float)):
         yield prefix, _fitting(value)
     elif isinstance(value, dict):
@@ -265,7 +264,7 @@ def _fields(prefix: str, value: Any) -> Iterator[tuple[str, float]]:
 
 
 def _fitting(value: float) -> float:
-    """A number as it is, or, of an integer beyond 64 bits, the nearest float; NaN beyond those."""
+    """Return a number as it is; an integer beyond 64 bits as the nearest float, or NaN beyond the floats."""
     if isinstance(value, int) and not -1 << 63 <= value < 1 << 63:
         try:
             return float(value)

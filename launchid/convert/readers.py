@@ -1,7 +1,7 @@
-"""The channels of a file: name -> (n,) numbers, by the reader of its format, which its first bytes tell.
+"""Read the channels of a file, name -> (n,) numbers; its first bytes tell the format and so the reader.
 
-A two-dimensional array is NAME[0], NAME[1], ...; groups, topics and structs stand before a `/`.  The libraries are
-the extra `logs`, of ArduPilot's logs `ardupilot`; tables of text need none.
+A two-dimensional array is NAME[0], NAME[1], ...; groups, topics and structs stand before a `/`.  The libraries are the
+extra `logs`, of ArduPilot's logs `ardupilot`; tables of text need none.
 """
 
 import itertools
@@ -33,10 +33,10 @@ LIBRARY_TEXT = 120        # characters of what a library says
 
 
 def read_channels(path: str, options: dict[str, Any], wanted: Wanted = None) -> Channels:
-    """The wanted channels of a flight's file; InputError in one line if it cannot be read.
+    """Return the wanted channels of a flight's file of any known format; InputError in one line if it cannot be read.
 
-    options  of a text: see `text.read_text`
-    wanted   their names; None: all
+    options  of a text file: see `text.read_text`
+    wanted   names of channels; None: all
     """
     try:
         if not stat.S_ISREG(os.stat(path).st_mode):
@@ -58,7 +58,7 @@ def read_channels(path: str, options: dict[str, Any], wanted: Wanted = None) -> 
 
 
 def _of_library(path: str, name: str, reader: Callable[[str, Wanted], Channels], wanted: Wanted) -> Channels:
-    """The channels that a library reads; InputError in one line where it fails."""
+    """Return the channels that a library reads; whatever it raises becomes an InputError in one line."""
     try:
         with extras_named():
             return reader(path, wanted)
@@ -76,7 +76,7 @@ def _shortly(error: object) -> str:
 
 
 def read_parquet(path: str, wanted: Wanted) -> Channels:
-    """Columns of a Parquet file; a list column is one of equally long rows."""
+    """Return the wanted columns of a Parquet file; a column of lists of equal length gives NAME[0], NAME[1], ..."""
     import pyarrow.parquet
     size = os.path.getsize(path)
     channels = Channels()
@@ -93,7 +93,7 @@ def read_parquet(path: str, wanted: Wanted) -> Channels:
 
 
 def _take_column(channels: Channels, name: str, column: Any, wanted: Wanted) -> None:
-    """One column; of lists (n, k) if all are equally long."""
+    """Add one Parquet column to `channels` in place; lists of equal length k as an array (n, k), others as unread."""
     import pyarrow.compute
     if "list" not in str(column.type):
         channels.take(name, column.to_numpy(zero_copy_only=False), wanted)
@@ -106,7 +106,7 @@ def _take_column(channels: Channels, name: str, column: Any, wanted: Wanted) -> 
 
 
 def read_hdf5(path: str, wanted: Wanted) -> Channels:
-    """Datasets of an HDF5 file, and of MATLAB's 7.3, by their place in it; never of another file."""
+    """Return the wanted datasets of an HDF5 file (MATLAB 7.3 too), by their path in it; links are not followed."""
     import h5py
     size = os.path.getsize(path)
     channels = Channels()
@@ -152,7 +152,7 @@ def _not_read(dataset: Any, size: int) -> str:
 
 
 def read_mat(path: str, wanted: Wanted) -> Channels:
-    """Variables of a MAT file of version 4 to 7, fields of structs behind a `/`."""
+    """Return the wanted variables of a MAT file of version 4 to 7; a field of a struct is VARIABLE/FIELD."""
     import scipy.io
     size = os.path.getsize(path)
     channels = Channels()
@@ -177,11 +177,10 @@ def read_mat(path: str, wanted: Wanted) -> Channels:
 
 
 def _variables(file: BinaryIO, order: str, file_size: int) -> Iterator[tuple[str, int, int]]:
-    """Name, numbers and class of the variables of a MAT file of version 5 to 7, behind its header.
+    """Yield (name, count of numbers, class) of each variable in a MAT file of version 5 to 7, whose header was read.
 
-    ValueError for what would end the process in the library's C code: an array of an unknown type of numbers, or cells
-    in cells without an end.  (The library's own list does not know objects.)  The framing is in MathWorks' "MAT-File
-    Format".
+    Raise ValueError for what would end the process in the library's C code: an array of an unknown type of numbers, or
+    cells nested without end.  (The library's own list leaves objects out.)  Framing: MathWorks' "MAT-File Format".
     """
     while len(tag := file.read(MAT_TAG)) == MAT_TAG:
         kind, size = struct.unpack(f"{order}2I", tag)
@@ -201,7 +200,7 @@ def _variables(file: BinaryIO, order: str, file_size: int) -> Iterator[tuple[str
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """(type, bytes) of the elements in one; the last may be cut short, which the library finds."""
+    """Yield (type, bytes) of the data elements in a MAT element; the last may be cut short, which the library finds."""
     at = 0
     while at + MAT_TAG <= len(data):
         kind, size = struct.unpack_from(f"{order}2I", data, at)
@@ -214,7 +213,7 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 
 
 def _walk_matrix(data: bytes, order: str, depth: int) -> None:
-    """The same of one array: two words of flags behind a tag, dimensions, name, then numbers or further arrays."""
+    """Raise ValueError as `_variables`, for one array: flags behind a tag, dimensions, name, numbers or arrays."""
     if depth > DEEPEST:
         raise ValueError(f"cells within more than {DEEPEST} others")
     if len(data) < 2 * MAT_TAG:  # an empty one
@@ -238,7 +237,7 @@ def _take_nested(channels: Channels, prefix: str, table: dict[str, Any], wanted:
 
 
 def _is_mat_4(first: bytes) -> bool:
-    """Whether a file begins as MAT version 4: type, rows, columns, is it complex, length of the name, the name."""
+    """Whether a file begins as MAT version 4: type, rows, columns, complex or not, length of the name, the name."""
     for order in ("<5i", ">5i"):
         if len(first) > struct.calcsize(order):
             kind, rows, columns, is_complex, length = struct.unpack_from(order, first)
@@ -260,7 +259,7 @@ FORMATS: list[tuple[Callable[[bytes], bool], str, Callable[[str, Wanted], Channe
 
 
 def foreign_format(path: str) -> str | None:
-    """The name of a file's format if it is one of these."""
+    """Return the name of a file's format if it is a known binary one (ULog, HDF5, ...); None for text and pipes."""
     if not os.path.isfile(path):  # a pipe could not be read again
         return None
     try:
@@ -272,6 +271,6 @@ def foreign_format(path: str) -> str | None:
 
 
 def refuse_foreign(path: str) -> None:
-    """Refuse a file of another format than a log's."""
+    """Raise InputError if a file is of a known binary format (ULog, HDF5, ...), which is read with a map only."""
     if foreign := foreign_format(path):
         raise InputError(f"{path}: a file of the format {foreign}; expected --map MAP.toml, or a CSV log")

@@ -1,4 +1,4 @@
-"""Rows of a CSV with other names, by a map, while they come: the numbers that `convert` makes of the whole file.
+"""Map rows of a growing CSV to rows of a log as they come, with the numbers that `convert` makes of the whole file.
 
 Limitation: a stream has one clock, so every column is stamped by the same channel.
 """
@@ -19,11 +19,7 @@ ONE_TURN = 2.0 * math.pi
 
 
 class MappedStream:
-    """A map on a log that grows; it keeps from row to row the first stamp, and each quaternion's reference and last
-    turn.
-
-    of  the map
-    """
+    """A map (`of`) applied to a growing log.  It keeps the first stamp, each quaternion's reference and last angle."""
 
     def __init__(self, mapping: Map) -> None:
         self.of = mapping
@@ -37,7 +33,7 @@ class MappedStream:
         self._turned: dict[str, float] = {}
 
     def columns(self, path: str, header: list[str], where: str) -> "MappedColumns":
-        """The columns by a header row; InputError for one that lacks a channel, or has two clocks."""
+        """Return the reader of rows below this header; InputError if a channel is missing, or there are two clocks."""
         names = [name.strip() for name in header]
         there = dict.fromkeys(names, np.empty(0))
         clocks = {stamps_name(path, there, self.of, source) for source in self._sources}
@@ -49,7 +45,8 @@ class MappedStream:
         return MappedColumns(self, path, names)
 
     def log(self, path: str, channels: dict[str, np.ndarray]) -> Log:
-        """Further rows of the log, of channels (n,)."""
+        """Return further rows as a log in SI units, from channels (n,); t and angles continue those of the previous
+        call (t = 0 at the first stamp, no jumps of a turn)."""
         values = {}
         for k, source in enumerate(self._sources):
             if source.axis is not None and source.reference is None:
@@ -63,11 +60,11 @@ class MappedStream:
         return log_of_values(path, {"t": (stamps - (self._origin or 0.0)) / self.of.units, **values})
 
     def number(self, cell: str) -> float:
-        """A cell; NaN for what is no number, as in a whole file."""
+        """Return the number in a cell, with the map's decimal point; NaN if it is none."""
         return decimal_number(cell, self._decimal)
 
     def _unwrapped(self, source: Source, column: np.ndarray) -> np.ndarray:
-        """The same turns (n,), as a continuation of those before."""
+        """Return angles (n,) shifted by whole turns so that they continue those of the rows before."""
         fair = column[np.isfinite(column)]
         if len(fair) == 0:
             return column
@@ -79,9 +76,9 @@ class MappedStream:
 
 
 class MappedColumns:
-    """The columns of a header with a map's names, as `sim.log_table.Columns` those of a log.
+    """Reader of the rows under one header, by a map; same methods as `sim.log_table.Columns`, which reads plain logs.
 
-    ignored  none: a map takes what it names
+    ignored  empty: a map takes only what it names
     """
 
     ignored: tuple[str, ...] = ()
@@ -90,19 +87,19 @@ class MappedColumns:
         self._stream, self._path, self._names = stream, path, names
 
     def numbers(self, line: int, cells: list[str]) -> list[float]:
-        """One row's cells; InputError naming the line."""
+        """Return the numbers of one row's cells, NaN for no number; InputError with the line if the count is wrong."""
         if len(cells) != len(self._names):
             raise InputError(f"{self._path}: line {line}: {len(cells)} cells, expected {len(self._names)} as in the "
                              "header")
         return [self._stream.number(cell) for cell in cells]
 
     def log(self, rows: list[list[float]]) -> Log:
-        """The rows as a log, even if none of them can be used."""
+        """Return rows of numbers, as `numbers` gives them, as a log; values need not be finite."""
         return self._stream.log(self._path, dict(zip(self._names, np.array(rows).T, strict=True)))
 
 
 def _referred(channels: dict[str, np.ndarray], source: Source) -> Source:
-    """The source with its reference, once a row tells the attitude."""
+    """Return the source with the first finite attitude as its reference; unchanged if no row has one."""
     q = np.stack([channels[name] for name in source.channels], axis=1)
     fair = q[np.isfinite(q).all(axis=1)]
     return source if len(fair) == 0 else dataclasses.replace(source, reference=tuple(fair[0].tolist()))

@@ -1,4 +1,4 @@
-"""Tables of text, as channels: where the table is, what stands between its cells; numpy reads it.
+"""Read tables of text as channels: find where the table begins and its delimiter, then let numpy read it.
 
 `numpy.loadtxt` is the reader: it is wherever launchid is, knows quotes and runs of blanks, and refuses a row of another
 width, which readers of data frames fill up.  What it does not know is where a table begins; that is here.
@@ -29,10 +29,10 @@ Wanted = frozenset[str] | None   # names of channels; None: all
 
 
 class Channels(dict[str, np.ndarray]):
-    """Name -> (n,).
+    """Channels of a file: name -> numbers (n,).
 
-    unread  name -> why what has this name in the file is no channel
-    notes   one line each: what was damaged or left out on the way
+    unread  name -> reason why it is not read, as a text
+    notes   one line each: what was damaged or left out in reading
     """
 
     def __init__(self, values: Iterable[tuple[str, np.ndarray]] = ()) -> None:
@@ -41,7 +41,7 @@ class Channels(dict[str, np.ndarray]):
         self.notes: list[str] = []
 
     def take(self, name: str, values: Any, wanted: Wanted) -> None:
-        """One array: itself, or its columns, as far as they are asked for; a reason if it is no channel."""
+        """Add an array as channel `name`, or its columns as NAME[k], if `wanted`; else note in `unread` why not."""
         array = np.asarray(values)
         if reason := _no_channel(array):
             self.unread[name] = reason
@@ -54,7 +54,7 @@ class Channels(dict[str, np.ndarray]):
 
 
 def _no_channel(array: np.ndarray) -> str:
-    """The reason why an array is no channel; "" if it is one."""
+    """Return the reason why an array is no channel; "" if it is one."""
     if array.dtype.kind not in "biufmM":
         return "holds no numbers"
     if array.size < 2:
@@ -63,7 +63,7 @@ def _no_channel(array: np.ndarray) -> str:
 
 
 def _columns(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """A channel, or NAME[0], NAME[1], ...; a date is numpy's, in nanoseconds, a duration an integer."""
+    """Yield (name, values (n,)) of a vector, or (NAME[k], column k) of a matrix; dates in ns, durations as integers."""
     if array.dtype.kind == "M":
         array = array.astype("M8[ns]")
     elif array.dtype.kind == "m":
@@ -78,13 +78,13 @@ def _columns(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def is_asked(name: str, wanted: Wanted) -> bool:
-    """Whether a channel of this name is wanted, or one inside the array or the group of this name."""
+    """Whether `wanted` (None: all) holds this name, or a channel in the array or group of this name."""
     return wanted is None or any(each == name or each.startswith((f"{name}[", f"{name}/", f"{name}."))
                                  for each in wanted)
 
 
 def too_large(numbers: int, itemsize: int, file_size: int) -> str:
-    """The reason why so many declared numbers of a file are not read; "" if they are."""
+    """Return the reason why so many declared numbers of a file are not read; "" if they are."""
     if numbers * itemsize > EXPANSION * file_size:
         return f"declares {numbers:.4g} numbers, which a file of {file_size:.4g} bytes cannot hold"
     if numbers > MOST_NUMBERS:
@@ -105,12 +105,12 @@ NO_DATE = int(np.iinfo(np.int64).min)   # numpy's NaT
 
 @dataclass(frozen=True)
 class Layout:
-    """The place and form of a table in a text.
+    """Place and form of a table in a text file.
 
     names   of its columns
-    header  the place of its header among the file's lines; None: it has none
-    first   the place of its first row
-    is_commented   comments stand before its rows; such lines between them are no rows
+    header  index of its header among the file's lines; None: it has none
+    first   index of its first row among the file's lines
+    is_commented   comments stand before its rows; comment lines between them are left out
     """
 
     names: list[str]
@@ -122,12 +122,12 @@ class Layout:
 
 
 def read_text(path: str, options: dict[str, Any], wanted: Wanted) -> Channels:
-    """Columns of a table by the names of its header, or 0, 1, 2, ... if it has none.
+    """Return columns of a table in a text file, named by its header, or 0, 1, 2, ... if it has none.
 
     A cell that is no number is NaN, a date a datetime64[ns]; a column with neither is no channel.
 
-    options  `delimiter`, `decimal` (left out: told by the text), `header` (its line, 0: none; left out: the first line
-             with the names that are asked for), `format` of the dates in the columns `stamps` (left out: ISO 8601)
+    options  `delimiter`, `decimal` (default: told by the text), `header` (its line, 0: none; default: the first line
+             with wanted names), `format` of the dates in the columns `stamps` (default: ISO 8601)
     """
     with open(path, **AS_TEXT) as file:
         lines = Lines(path, file)
@@ -165,7 +165,7 @@ def _head(lines: Lines) -> Iterator[str]:
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """The cells of one line, stripped."""
+    """Return the cells of one line, split at `delimiter` (quotes respected) and stripped."""
     if delimiter == BLANKS:
         return line.split()
     try:
@@ -175,7 +175,7 @@ def cells_of(line: str, delimiter: str) -> list[str]:
 
 
 def _split(head: list[str], delimiter: str) -> list[list[str]]:
-    """The cells of the row that begins on each line; of a line within a quoted cell none."""
+    """Return for each line the cells of the row that begins on it; [] for a line within a quoted cell."""
     if delimiter == BLANKS or not any('"' in line for line in head):
         return [cells_of(line, delimiter) for line in head]
     cells: list[list[str]] = [[] for _ in head]
@@ -190,7 +190,7 @@ def _split(head: list[str], delimiter: str) -> list[list[str]]:
 
 
 def decimal_number(cell: str, decimal: str) -> float:
-    """A cell with this decimal point; NaN for what is no number."""
+    """Return the number in a cell with this decimal point; NaN if it is no number."""
     value = number(cell.replace(decimal, ".") if decimal != "." else cell)
     return np.nan if value is None else value
 
@@ -199,10 +199,10 @@ def decimal_number(cell: str, decimal: str) -> float:
 
 
 class _Rows:
-    """The head's lines as cells.
+    """The first lines of a text, split into cells by one delimiter and decimal point.
 
     cells, numbers  of each line, and how many of them are numbers
-    width           of the lines that hold the most numbers; `score` how well they do
+    width           cells of the lines that hold the most numbers; `score`: how well this delimiter and point fit
     """
 
     def __init__(self, head: list[str], delimiter: str, decimal: str) -> None:
@@ -222,18 +222,18 @@ class _Rows:
         self._usual = held[self.width] / max(self._lines[self.width], 1)
 
     def is_row(self, k: int) -> bool:
-        """Whether a line holds about as many numbers as the others of its width."""
+        """Whether line k has the table's width and at least half as many numbers as its lines have on average."""
         return len(self.cells[k]) == self.width and 2.0 * self.numbers[k] >= self._usual
 
     def names(self, k: int) -> list[str]:
-        """The names in a line, if it is a header; a column without one has its place."""
+        """Return the names in line k, taken as a header; an empty cell's name is its index."""
         bare = self._head[k].lstrip()
         cells = cells_of(bare.lstrip(COMMENT), self.delimiter) if bare[:1] in COMMENT else self.cells[k]
         return [cell or str(place) for place, cell in enumerate(cells)]
 
 
 def _layout(path: str, head: list[str], options: dict[str, Any], wanted: Wanted) -> Layout:
-    """The layout of the text's table; InputError if there is none, or it cannot be found."""
+    """Return the layout of the text's table; InputError if there is none, or its header cannot be told."""
     if not head:
         raise InputError(f"{path}: an empty file; expected a table of numbers")
     line: int | None = options.get("header")
@@ -262,12 +262,12 @@ def _layout(path: str, head: list[str], options: dict[str, Any], wanted: Wanted)
 
 
 def is_comment(line: str) -> bool:
-    """Whether a line is a comment as numpy.savetxt, MATLAB and OpenRocket write it."""
+    """Whether a line begins with # or %, as numpy.savetxt, MATLAB and OpenRocket write comments."""
     return line.lstrip()[:1] in COMMENT and line.strip() != ""
 
 
 def _named(rows: _Rows, head: list[str], wanted: Wanted) -> int | None:
-    """The place of the line with the most of the names that are asked for; None if none has one."""
+    """Return the index of the line that holds the most of the wanted names; None if no line has one."""
     if wanted is None:
         return None
     shares = [0 if rows.is_row(k) else len(wanted.intersection(rows.names(k))) for k in range(len(head))]
@@ -275,8 +275,7 @@ def _named(rows: _Rows, head: list[str], wanted: Wanted) -> int | None:
 
 
 def _before(path: str, rows: _Rows, head: list[str], first: int) -> int | None:
-    """The place of the header of a table that begins at `first`, None if it has none; InputError if that cannot be
-    told."""
+    """Return the index of the header of a table whose rows begin at `first`, None if it has none; else InputError."""
     above = [k for k in range(first) if rows.cells[k]]
     header = None
     while above and len(rows.cells[above[-1]]) == rows.width:
@@ -296,7 +295,7 @@ def _before(path: str, rows: _Rows, head: list[str], first: int) -> int | None:
 
 
 def _left_out(path: str, head: list[str], layout: Layout, options: dict[str, Any]) -> Iterator[str]:
-    """Lines of what is not in the table, and of what was taken for granted."""
+    """Yield notes on lines that are left out, and on what was assumed about header and decimal point."""
     end = layout.first if layout.header is None else layout.header
     before = [k + 1 for k in range(end) if head[k].strip()]
     if before:
@@ -312,7 +311,7 @@ def _left_out(path: str, head: list[str], layout: Layout, options: dict[str, Any
 
 
 def _refuse_long(path: str, head: list[str], layout: Layout, wanted: Wanted) -> None:
-    """InputError for a table that has one value a row, and the channel's name beside it: a column of names."""
+    """Raise InputError for a long table: one value a row, with its channel's name in another column."""
     lines = (cells_of(line, layout.delimiter) for line in head[layout.first:])
     rows = [cells for cells in lines if len(cells) == len(layout.names)]
     for k, name in enumerate(layout.names):
@@ -326,8 +325,7 @@ def _refuse_long(path: str, head: list[str], layout: Layout, wanted: Wanted) -> 
 
 
 def _asked(path: str, layout: Layout, wanted: Wanted) -> dict[int, str]:
-    """Place -> name of the columns that are asked for; InputError if there is none, or one of them is not the only one
-    of its name."""
+    """Return index -> name of the wanted columns; InputError if there is none, or a name stands for two."""
     asked = {k: name for k, name in enumerate(layout.names) if wanted is None or name in wanted}
     if not asked and layout.header is None:
         raise InputError(f"{path}: line {layout.first + 1}: the first row is numbers and no header, so the columns are "
@@ -343,7 +341,7 @@ def _asked(path: str, layout: Layout, wanted: Wanted) -> dict[int, str]:
 
 
 class _Numbers:
-    """A column's cells as numbers, float64; `count` of them are some, `odd` is the first cell that is none."""
+    """Reader of a column's cells as float64.  count: cells that are numbers; odd: the first cell that is none."""
 
     kind = "f8"
     what = "numbers"
@@ -368,13 +366,13 @@ class _Numbers:
             self.odd = self.odd or shown(cell.strip())
 
     def note(self, path: str, name: str, rows: int) -> list[str]:
-        """One line if cells are not what the column holds."""
+        """Return a list of one line that counts cells which are no number, [] if there are none."""
         return [f"{path}: column {shown(name)[1:-1]}: {self.odds} of {rows} cells are no {self.what} ({self.odd}) and "
                 "count as not measured"] if self.odds else []
 
 
 class _Dates(_Numbers):
-    """A column's cells as dates, nanoseconds since 1970 in UTC, which a date without a zone is taken for."""
+    """Reader of a column's cells as dates: integer ns since 1970 in UTC; a date without a zone is UTC."""
 
     kind = "i8"
     what = "dates"
@@ -416,14 +414,14 @@ def _reader(cells: Iterable[str], layout: Layout, options: dict[str, Any], name:
 
 
 def _check_quotes(path: str, delimiter: str) -> None:
-    """InputError for a quote that is not closed: all behind it is one cell."""
+    """Raise InputError for a quote that is not closed, which would make one cell of the rest."""
     with open(path, **AS_TEXT) as file:
         for _ in rows(path, file, delimiter):
             pass
 
 
 def _numbered(lines: Lines, head: list[str], layout: Layout, comments: Iterator[int]) -> Iterator[tuple[int, str]]:
-    """The lines of the table, with their numbers; `comments` is advanced by one for each that is left out."""
+    """Yield (line number, line) of the table's rows; each comment left out advances `comments` by one."""
     after = ((lines.number, line) for line in lines)
     for place, line in itertools.chain(enumerate(head[layout.first:], layout.first + 1), after):
         if layout.is_commented and is_comment(line):
@@ -433,7 +431,7 @@ def _numbered(lines: Lines, head: list[str], layout: Layout, comments: Iterator[
 
 
 def _table(path: str, layout: Layout, lines: Iterator[tuple[int, str]], readers: dict[int, _Numbers]) -> np.ndarray:
-    """The rows as a structured array with the field f0 of column 0, and so on; InputError naming the line."""
+    """Return the rows as a structured array, field f0 for column 0 and so on; InputError naming the line."""
     last, quotes = (layout.first, ""), 0
 
     def text() -> Iterator[str]:

@@ -1,1 +1,1 @@
-"""Figures of logs and results."""
+"""Figures of logs and of the paper's experiments."""

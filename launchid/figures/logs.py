@@ -1,4 +1,4 @@
-"""Logs before anything is computed: their columns over each other, and where the data check found something; as a
+"""Draw logs before anything is computed: their columns over each other, and where the data check finds faults; as a
 picture, or a page that zooms."""
 
 import io
@@ -32,8 +32,8 @@ MARKED_VALUES = 60  # values of a column that are drawn one by one, too
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """A log with what the data check finds in it: faults; masks, the values (n,) bool of each column that it doubts;
-    refused, why its clock is none."""
+    """A log and what the data check finds in it: `faults`; `masks`, for each column the values (n,) bool that it
+    doubts; `refused`, the reason why its stamps cannot be used, "" if they can."""
 
     log: Log
     faults: tuple[Fault, ...]
@@ -42,12 +42,12 @@ class Looked:
 
     @property
     def lines(self) -> list[str]:
-        """What is found, a line each."""
+        """Lines for the user, one for each fault."""
         return [f"{self.log.path}: {fault.message}" for fault in self.faults] + ([self.refused] if self.refused else [])
 
 
 def looked_at(log: Log) -> Looked:
-    """Return a log with what the data check finds in it without a nominal; its clock may be none."""
+    """Return a log with the data check's findings (made without a nominal); its stamps may be unusable."""
     try:
         seen = checked(log)
         found, data, refused = seen.faults, seen.data, ""
@@ -82,7 +82,7 @@ def logs_figure(logs: Sequence[Looked]) -> Figure:
 
 
 def _mark(axis: Any, name: str, each: Looked) -> None:
-    """Mark what is doubted of a column."""
+    """Mark the values, or the whole stretch, of a column that the data check doubts."""
     log, x = each.log, getattr(each.log, name)
     for fault in each.faults:
         whole = fault.kind in COLUMN_FAULTS or fault.kind == "scale"
@@ -102,7 +102,7 @@ CAPTION = "Each log has its colour and dash. Crosses: values that the data check
 
 
 def write_page(logs: Sequence[Looked], figure: Figure, path: str) -> None:
-    """Write the figure of logs as one page that needs no network."""
+    """Write the figure of logs, with the data check's findings, as one HTML page that needs no network."""
     png = io.BytesIO()
     figure.savefig(png, dpi=DPI, bbox_inches="tight", format="png", metadata={"Software": None})
     said = [text(line) for each in logs for line in each.lines]

@@ -1,4 +1,4 @@
-"""The paper's figures: axes with units, truth drawn, readable in grey."""
+"""Draw the paper's figures: axes with units, the truth drawn, readable in grey."""
 
 import itertools
 from collections.abc import Callable
@@ -22,7 +22,7 @@ BELOW = 1e-4            # of the tolerance: where the errors' axis ends, smaller
 
 
 def loop_figure() -> Figure:
-    """Figure 1: the loop as a block diagram."""
+    """Draw figure 1 of the paper: the control loop as a block diagram."""
     figure = Figure(figsize=(10, 3.6))
     axis = figure.subplots()
     axis.set_axis_off()
@@ -53,7 +53,7 @@ def loop_figure() -> Figure:
 
 
 def steps_figure(results: list[Result]) -> Figure:
-    """Figure 2: the steps, and Xi as a 10 x 3 matrix."""
+    """Draw figure 2 of the paper: the steps of the identification, and the coefficients Xi as a 10 x 3 matrix."""
     nominal = case_nominal(CASES["constant"])
     result = min(results, key=lambda r: r.seed)
     flight = fly_whole(nominal, result.seed, "ideal")
@@ -93,7 +93,7 @@ def steps_figure(results: list[Result]) -> Figure:
 
 
 def _error_scale(axis: Any, tolerance: float) -> None:
-    """A logarithmic ordinate of readable length around the tolerance; what is below it is marked and counted."""
+    """Set a logarithmic ordinate around the tolerance; points below it are marked at its edge and counted."""
     t, error = (np.concatenate([line.get_data()[k] for line in axis.lines if line.get_marker() == "."]) for k in (0, 1))
     least, most = tolerance * BELOW, max(10.0 * tolerance, 1.5 * float(np.nanmax(error)))
     axis.set_yscale("log")
@@ -107,7 +107,7 @@ def _error_scale(axis: Any, tolerance: float) -> None:
 
 
 def windows_figure(name: str, results: list[Result], title: str) -> Figure:
-    """Figures 3, 4, 6, 8: estimates of all seeds over the truth, and the error with its tolerance band."""
+    """Draw estimates of all seeds over the truth, and errors with the tolerance band (paper's figures 3, 4, 6, 8)."""
     case = CASES[name]
     figure, axes = panels(4, title, 1.7)
     nominal = case_nominal(case)
@@ -143,7 +143,7 @@ def windows_figure(name: str, results: list[Result], title: str) -> Figure:
 
 
 def profile_figure(title: str, with_range: bool) -> Figure:
-    """Figures 5 and 7: the profile, and the profile with its uncertainty ranges."""
+    """Draw figure 5 of the paper, the profile of a6 and k1, or figure 7, with its uncertainty ranges."""
     figure, axes = panels(2, title)
     styles = {"vega-dispersed": ("0.75", "sigma = 0.25"), "vega-dispersed-profile": ("0.45", "sigma(t), proposed")}
     nominal = case_nominal(CASES["vega"])
@@ -163,7 +163,7 @@ def profile_figure(title: str, with_range: bool) -> Figure:
 
 
 def tuning_figure(results: list[Result]) -> Figure:
-    """The two trade-offs: threshold, and window by compression, clean and under flight sensors."""
+    """Draw how good a6 is over the threshold, and over window and compression, on clean data and flight sensors."""
     case = CASES["tuning"]
     figure = Figure(figsize=(12, 3.8))
     axes = figure.subplots(1, 3)
@@ -228,7 +228,7 @@ FIGURES: dict[str, dict[str, Callable[[list[Result]], Figure]]] = {  # case -> f
 
 
 def paper_figures(folder: Path, case: str, results: list[Result]) -> list[str]:
-    """Draw the figures of a case that ran; return the file names."""
+    """Draw the figures of an experiment that ran, write them into the folder, and return their file names."""
     for name, make in FIGURES[case].items():
         save(make(results), folder / name)
     return list(FIGURES[case])

@@ -1,5 +1,5 @@
-"""The answers of the commands and of `import launchid`: one function a command, from logs and nominals in memory to a
-result that can be said, drawn, put into a table or written.
+"""Results of the commands and of `import launchid`, made from logs and nominals in memory: they can be printed, drawn,
+put into a table or written.
 
 A result's `report` is the command's JSON, `warnings` are lines for the user beside it.
 """

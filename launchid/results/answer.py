@@ -1,4 +1,4 @@
-"""The base class of every answer."""
+"""The base class of every command's result."""
 
 import json
 from collections.abc import Sequence
@@ -8,26 +8,26 @@ from sim.result import Columns, Result
 
 
 class Answer(Result):
-    """The members that every answer has beside a result's; each answer is a class of its own."""
+    """Base class of a command's result: a `sim.result.Result` with the command's JSON (`report`) and warnings."""
 
     report: dict[str, Any]
     warnings: tuple[str, ...] = ()
 
     def columns(self) -> Columns:
-        """The answer as columns of equal length."""
+        """Return the result's numbers as columns of equal length, by name; a subclass defines them."""
         raise NotImplementedError
 
     def table(self) -> Columns:
-        """The same, as any result has it."""
+        """Return `columns()`, the table that `Result` asks for."""
         return self.columns()
 
     def to_json(self) -> str:
-        """The report as the command writes it."""
+        """Return `report` as JSON text, as the command writes it."""
         return json.dumps(self.report, indent=1)
 
 
 def flat(rows: Sequence[dict[str, Any]], prefix: str = "") -> Columns:
-    """Rows of a JSON as columns: nested objects joined by `_`; what a row lacks is None."""
+    """Return rows of a JSON as columns by name; a nested object's names are joined by `_`, what a row lacks is None."""
     flat = [_flattened(row, prefix) for row in rows]
     names = list(dict.fromkeys(name for row in flat for name in row))
     return {name: [row.get(name) for row in flat] for name in names}

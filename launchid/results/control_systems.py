@@ -1,4 +1,4 @@
-"""What was identified, as systems of python-control."""
+"""Return what was identified as systems of python-control."""
 
 import math
 from collections.abc import Sequence
@@ -33,8 +33,8 @@ class ControlPlant(NamedTuple):
 
 
 def control_plant(estimates: Sequence[Estimate], path: str, t: float | None) -> ControlPlant:
-    """Return the plant of the valid window that holds t [s]; None: of the last.  InputError where there is none,
-    UsageError where its terms are those of no linear plant."""
+    """Return the plant of the valid window that holds t [s] (None: of the last valid one).  InputError if there is
+    none, UsageError if its terms are not those of a linear plant; path: of the log, for messages."""
     try:
         import control
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""The answers, drawn: axes with units, what is determined decides the scale, readable in grey."""
+"""Figures of the results: axes with units, scaled by the estimates with small intervals, readable in grey."""
 
 import itertools
 import math
@@ -32,7 +32,7 @@ MOST_DELTA = 2.5    # of the range that the uncertainty level's axis shows: beyo
 
 
 def _delta_panel(axis: Any, t: np.ndarray, levels: list[Level], name: str) -> None:
-    """delta of one parameter with its 95 % interval between the edges of the bands."""
+    """Draw delta of one parameter with its 95 % interval, between the edges of the bands."""
     delta, half = np.array([x.delta for x in levels]), INTERVAL * np.array([x.delta_std for x in levels])
     out = np.array([not x.in_range for x in levels], bool)
     axis.fill_between(t, delta - half, delta + half, color="0.8", label="95 % interval")
@@ -49,7 +49,7 @@ def _delta_panel(axis: Any, t: np.ndarray, levels: list[Level], name: str) -> No
 
 
 def uncertainty_figure(log: Log, estimates: list[Estimate], nominal: Nominal) -> Figure:
-    """delta with its bands and 95 % interval, and the tracked a6 and k1 over the nominal with its range."""
+    """Draw delta of a6 and k1 with its bands and 95 % interval, and the tracked a6 and k1 over the nominal's range."""
     figure, axes = panels(4, f"{Path(log.path).name}: uncertainty level", 1.8)
     known = [(e.t_end, e.uncertainty, e.tracked) for e in estimates
              if e.uncertainty is not None and e.uncertainty.valid and e.tracked is not None]
@@ -86,8 +86,7 @@ def _numbers(windows: list[dict[str, Any]], name: str) -> np.ndarray:
 
 
 def _determined(value: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """The estimates that set the scale, as a mask: those whose 95 % interval is among the narrow ones, or narrow beside
-    the value."""
+    """Return the mask of estimates that set the scale: those whose 95 % interval is narrow, or narrow for the value."""
     known = np.isfinite(value) & np.isfinite(half)
     if known.any():
         narrow = DETERMINED * float(np.quantile(half[known], 0.25, method="lower"))
@@ -96,7 +95,7 @@ def _determined(value: np.ndarray, half: np.ndarray) -> np.ndarray:
 
 
 def _scale(value: np.ndarray, half: np.ndarray, beside: list[np.ndarray]) -> tuple[float, float]:
-    """The ordinate's range: what is determined, with its intervals, and what is drawn beside it."""
+    """Return (low, high) of the ordinate: estimates that set the scale, with intervals, and other drawn values."""
     known = _determined(value, half)
     drawn = np.concatenate([value[known] - half[known], value[known] + half[known], *beside])
     drawn = drawn[np.isfinite(drawn)]
@@ -108,7 +107,7 @@ def _scale(value: np.ndarray, half: np.ndarray, beside: list[np.ndarray]) -> tup
 
 
 def _mark_edges(axis: Any, t: np.ndarray, value: np.ndarray, half: np.ndarray, low: float, high: float) -> None:
-    """Triangles at the edge: filled where a value is beyond it, open where its interval is."""
+    """Draw triangles at the edge: filled where a value is beyond it, open where its interval is."""
     for edge, marker, beyond, reaches in ((high, "^", value > high, value + half > high),
                                           (low, "v", value < low, value - half < low)):
         for chosen, face, words in ((beyond, "0.1", "value beyond the edge"),
@@ -120,7 +119,7 @@ def _mark_edges(axis: Any, t: np.ndarray, value: np.ndarray, half: np.ndarray, l
 
 
 def _draw_tracked(axis: Any, windows: list[dict[str, Any]], name: str, breaks: list[float]) -> list[np.ndarray]:
-    """The tracked estimate with its 95 % band, where there is one, broken [s] where it jumps; what was drawn."""
+    """Draw the tracked estimate with its 95 % band, broken at `breaks` [s]; return [values], [] if there is none."""
     rows = [(w["t_end"], w["tracked"][name], INTERVAL * w["tracked"][f"{name}_std"])
             for w in windows if w.get("tracked") and w["tracked"]["valid"] and w["tracked"][name] is not None
             and w["tracked"][f"{name}_std"]]
@@ -145,7 +144,7 @@ def _draw_changes(axis: Any, changes: list[dict[str, Any]]) -> None:
 
 
 def _draw_refused(axis: Any, windows: list[dict[str, Any]]) -> None:
-    """Windows that say nothing, hatched, with their status."""
+    """Hatch windows that are not valid, with their status."""
     for status, group in itertools.groupby(windows, key=lambda w: None if w["valid"] else w["status"]):
         refused = list(group)
         if status is not None:
@@ -165,7 +164,7 @@ def _legend(axis: Any, columns: int = 3, axes: list[Any] | None = None) -> None:
 
 
 def _parameter_panel(axis: Any, name: str, log: Log, report: dict[str, Any], nominal: Nominal | None) -> None:
-    """One parameter window by window, tracked, of the nominal, with its bound and its changes."""
+    """Draw one parameter: windows, tracked estimate, nominal, Cramer-Rao bound and sudden changes."""
     windows = report["windows"]
     t = np.array([0.5 * (w["t_start"] + w["t_end"]) for w in windows])
     width = np.array([0.5 * (w["t_end"] - w["t_start"]) for w in windows])
@@ -198,7 +197,7 @@ def _has_wind(windows: list[dict[str, Any]]) -> bool:
 
 
 def _wind_panel(axis: Any, windows: list[dict[str, Any]]) -> None:
-    """All of the wind angle at the windows' ends, and tracked."""
+    """Draw the wind angle at the windows' ends, and the tracked one."""
     t = np.array([w["t_end"] for w in windows])
     value, half = _numbers(windows, "wind"), INTERVAL * _numbers(windows, "wind_std")
     beside = _draw_tracked(axis, windows, "wind", [])
@@ -214,10 +213,10 @@ def _wind_panel(axis: Any, windows: list[dict[str, Any]]) -> None:
 
 def identify_figure(log: Log, report: dict[str, Any], nominal: Nominal | None,
                     parameters: Sequence[str] = ("a6", "k1")) -> Figure:
-    """Estimates of a log with their 95 % intervals, the nominal beside them, wind where there is any, the signals.
+    """Draw estimates of a log with 95 % intervals, the nominal, the wind if there is any, and theta and beta.
 
-    report      the identify JSON: what it refuses is hatched
-    parameters  those whose terms the library has
+    report      the identify JSON; windows that are not valid in it are hatched
+    parameters  to draw: those whose terms the library has
     """
     windows = report["windows"]
     windy = int(_has_wind(windows))
@@ -234,9 +233,9 @@ def identify_figure(log: Log, report: dict[str, Any], nominal: Nominal | None,
 
 
 def residual_figure(log: Log, residuals: Residuals, windows: list[dict[str, Any]]) -> Figure:
-    """The residuals of identified windows over time, whether they are random, and predictions over horizons.
+    """Draw the residuals of identified windows over time, their whiteness, and predictions over horizons.
 
-    windows  of the identify JSON: refused ones are hatched
+    windows  of the identify JSON; those that are not valid are hatched
     """
     count = len(residuals.predicted)
     figure = Figure(figsize=(9, 3.4 + 1.6 * count), layout="constrained")
@@ -280,7 +279,7 @@ def _whiteness_panel(axis: Any, residuals: Residuals) -> None:
 
 
 def _prediction_panel(axis: Any, predicted: Predicted) -> None:
-    """The change of theta over a horizon, measured and predicted; of theta itself nothing could be seen."""
+    """Draw the change of theta over a horizon, measured and predicted (in theta itself errors could not be seen)."""
     base = predicted.measured - predicted.change
     gaps = 1 + np.flatnonzero(np.diff(predicted.t) > MISSED * predicted.horizon)
     t = np.insert(predicted.t, gaps, np.nan)  # which breaks the lines
@@ -307,7 +306,7 @@ def _prediction_panel(axis: Any, predicted: Predicted) -> None:
 
 
 def flight_figure(flight: Flight, nominal: Nominal) -> Figure:
-    """The signals of a flight, and its true parameters over the nominal's."""
+    """Draw the signals of a flight, and its true a6 and k1 over the nominal's."""
     figure, axes = panels(5, f"{nominal.name}: a flight" + (", LOST at its end" if flight.lost else ""), 1.4)
     axes[2].plot(flight.t, flight.beta_cmd, color="0.7", linewidth=0.6, label="beta_cmd")
     for axis, name, unit in zip(axes, ("theta", "theta_dot", "beta"), ("rad", "rad/s", "rad"), strict=False):
@@ -325,7 +324,7 @@ def flight_figure(flight: Flight, nominal: Nominal) -> Figure:
 
 
 def plan_figure(plan: Plan) -> Figure:
-    """A test input over time, and its sines."""
+    """Draw a designed test input over time, and the amplitudes of its sines; UsageError if none is needed."""
     multisine = plan.nominal.test_input
     if multisine is None:
         raise UsageError("plan: no test input is needed, there is nothing to draw")

@@ -1,4 +1,4 @@
-"""The margins of a flight, drawn: over time, and one loop as a Nichols chart and as a Bode plot, with 95 % regions."""
+"""Figure of a flight's margins: over time, and one loop as Nichols chart and Bode plot, with 95 % regions."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,8 +25,8 @@ NICHOLS_RANGE = 40.0     # dB that the Nichols chart shows of either side
 
 
 def margins_figure(log: Log, nominal: Nominal, windows: Sequence[WindowMargins], report: dict[str, Any]) -> Figure:
-    """A figure: left the margins over flight time with their intervals and what is required; right the last window that
-    has margins, as a Nichols chart and as a Bode plot, beside the nominal's loop and those of its box."""
+    """Draw left the margins over flight time, with intervals and required values; right the last window that has
+    margins, as Nichols chart and Bode plot, with the nominal's loop and those at the corners of its range."""
     figure = Figure(figsize=(13.5, 8.6), layout="constrained")
     figure.suptitle(f"{Path(log.path).name}: stability margins of the loop as identified, 95 % intervals", fontsize=11)
     grid = figure.add_gridspec(len(MARGIN_NAMES), 2, width_ratios=[1.15, 1.0])
@@ -48,7 +48,7 @@ def margins_figure(log: Log, nominal: Nominal, windows: Sequence[WindowMargins],
 
 
 def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -> None:
-    """One margin of the windows and tracked, over what is required of it."""
+    """Draw one margin of the windows and of the tracked estimates, with its required value."""
     windows = report["windows"]
     shown = []
     for estimate, rows in (("tracked", [(w["t_end"], 0.0, w["tracked"]) for w in windows if "tracked" in w]),
@@ -81,7 +81,7 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
 
 
 def _scale(axis: Any, shown: np.ndarray, demand: float) -> None:
-    """Scale an axis from what is required to what most intervals reach."""
+    """Set the ordinate to hold the required value and what is shown."""
     known = shown[np.isfinite(shown)]
     if len(known) == 0:
         return
@@ -91,7 +91,7 @@ def _scale(axis: Any, shown: np.ndarray, demand: float) -> None:
 
 
 def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal, window: WindowMargins) -> None:
-    """The Nichols chart and the Bode plot of a window's loop, of the nominal's, and of its box."""
+    """Draw the Nichols chart and Bode plot of a window's loop, the nominal's, and those at the corners of its range."""
     controller, middle = nominal.controller, 0.5 * (window.t_start + window.t_end)
     assert controller is not None
     family = _family(window.window, nominal)
@@ -129,14 +129,14 @@ def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal, window: WindowMargin
 
 
 def _family(judgement: Judged, nominal: Nominal) -> np.ndarray:
-    """The window's parameters, then those on the ellipsoid of its 95 % interval: (1 + RIM, 5)."""
+    """Return a window's parameters, then RIM on the ellipsoid of their 95 % interval: (1 + RIM, 5)."""
     assert judgement.known is not None
     rim = ellipsoid(judgement.known, RIM)
     return np.concatenate([judgement.known.mean[None], rim])
 
 
 def _response(many: Loops, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """|L| [dB] and phase [deg] (m, p), the latter without jumps, around -180 at the loop's own crossover."""
+    """Return |L| [dB] and phase [deg] (m, p); the phase has no jumps, and is near -180 at the loop's last crossover."""
     gain = many.gain(omega)
     size, phase = 20.0 * np.log10(np.abs(gain)), np.degrees(np.unwrap(np.angle(gain), axis=1))
     last = np.array([int(np.flatnonzero(row > 0.0)[-1]) if (row > 0.0).any() else 0 for row in size])
@@ -145,7 +145,7 @@ def _response(many: Loops, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _required_cross(axis: Any, nominal: Nominal) -> None:
-    """The critical point, and the margins around it that the curve must keep outside of."""
+    """Draw the critical point, and the required margins around it, which the curve must stay outside of."""
     gain, phase = nominal.margins.gain_db, nominal.margins.phase_deg
     axis.plot([-180.0], [0.0], "+", color="0.0", markersize=9, markeredgewidth=1.6, zorder=5)
     axis.plot([-180.0 - phase, -180.0, -180.0 + phase, -180.0, -180.0 - phase], [0.0, gain, 0.0, -gain, 0.0], "-.",

@@ -1,4 +1,4 @@
-"""The reports of `identify` and `margins`: what the page says of the windows, and which figures it has."""
+"""Write the reports of `identify` and `margins`: a table of windows, lines for the user, and figures."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,7 +41,7 @@ def _number(x: float | None) -> str:
 
 
 def identify_report(found: "Identification", folder: str | Path) -> None:
-    """Write report.html, identify.json and the figures of an identification."""
+    """Write report.html, identify.json and the figures of an identification into a folder."""
     windows = found.report["windows"]
     is_tracked = any("tracked" in window for window in windows)
     head = ["window [s]", "status", *(f"{name} [1/s^2]" for name in COEFFICIENTS),
@@ -79,7 +79,7 @@ def _residuals(found: "Identification") -> "Figure | None":
 
 
 def margins_report(found: "FlightMargins", folder: str | Path) -> None:
-    """Write report.html, margins.json and the figure of the margins of a flight's loop."""
+    """Write report.html, margins.json and the figure of a flight's margins into a folder."""
     said = found.report
     rows, chosen = [], []
     for window in said["windows"]:

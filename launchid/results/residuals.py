@@ -1,4 +1,4 @@
-"""The residuals of identified windows on a log, and how far ahead they predict it.
+"""Residuals of identified windows on a log, and predictions of theta by them.
 
 residual    the weak form's (`launchid.weakform`): the increment of theta_dot over 0.2 s less the integral of the terms,
             over that time [rad/s^2], in the window that gave the estimate
@@ -42,7 +42,7 @@ RIGID = {"theta", "beta"}
 
 @dataclass(frozen=True, eq=False)
 class Correlation:
-    """Correlations (lags,) at positive lags, and the half-width that 99 % of a white sequence's stay within."""
+    """Autocorrelation of residuals at lags 1, 2, ... (lags,); band: 99 % of white noise's values are within +-band."""
 
     values: np.ndarray
     band: float
@@ -50,9 +50,8 @@ class Correlation:
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """The predictions over one horizon.  They have times [s] that were predicted for, theta measured and predicted
-    [rad] (n,) there, by the window's own estimate and by the one before (nan: there is none); and the fits [%], nan of
-    fewer than MIN_PREDICTIONS."""
+    """Predictions of theta over one horizon [s]: (n,) times t [s] predicted for, theta there [rad] measured, predicted
+    by its own window's estimate (`within`) and by the window before (`before`, NaN: there is none)."""
 
     horizon: float
     t: np.ndarray
@@ -64,20 +63,20 @@ class Predicted:
 
     @property
     def fits(self) -> tuple[float, float]:
-        """100 (1 - |error| / |change of theta over the horizon|): 0 is no better than saying that nothing changes."""
+        """(within, before) fits [%], 100 (1 - |error| / |change of theta over the horizon|): 0 is no better than no
+        change; NaN of fewer than MIN_PREDICTIONS."""
         return _fit(self.measured - self.within, self.change), _fit(self.measured - self.before, self.change)
 
     @property
     def ceiling(self) -> float:
-        """The fit [%] of a true model, which noise alone leaves: one that has not seen these rows does no better but by
-        chance."""
+        """Fit [%] that a true model would have, with the sensors' noise alone as error; only chance exceeds it."""
         return _fit(np.sqrt(np.mean(self.noise**2, axis=1)), self.change)
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """t (k,) [s] middles of increments;  residual (k,) [rad/s^2], and what noise alone leaves (k,);  its correlation;
-    predictions, a horizon each."""
+    """Residuals (k,) [rad/s^2] at t (k,) [s], the middles of increments; noise (k,): the part of sensor noise alone;
+    their autocorrelation (None: too few); predictions, one item a horizon."""
 
     t: np.ndarray
     residual: np.ndarray
@@ -88,13 +87,14 @@ class Residuals:
 
 @dataclass(frozen=True, eq=False)
 class Shaped:
-    """A log's rows, and a6 and k1 of the nominal's profile at them (2, n) [1/s^2]; None: constant within a window."""
+    """Rows of a log, and a6 and k1 of the nominal's profile at them (2, n) [1/s^2]; None: constant within a window."""
 
     rows: Rows
     profile: np.ndarray | None
 
     def shapes(self, estimate: Estimate) -> np.ndarray:
-        """(2, n) a6 and k1 at every row over those in the window's middle; of a rigid body's terms only."""
+        """Return a6 and k1 of the profile at every row (2, n), relative to their values in the window's middle; 1 where
+        the estimate has other terms than theta and beta, or there is no profile."""
         if self.profile is None or not set(active_terms(estimate)) <= RIGID:
             return np.ones((2, len(self.rows.t)))
         middle = 0.5 * (estimate.t_start + estimate.t_end)
@@ -104,10 +104,11 @@ class Shaped:
 
 def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = None,
               late: Late | None = None) -> Residuals:
-    """Residuals of the windows that were fitted, those that the log contradicts (`MODEL`) too: the residual shows it.
+    """Return residuals and predictions of the fitted windows, also of those that the log contradicts (status `MODEL`).
 
-    nominal  whose profile the estimates are of (`filtered`), None: of none;  late  how beta acts in them;  InputError
-    where no window was fitted or the log is too short.  A rate that is not measured is the attitude's slope
+    nominal  whose profile the estimates follow (`filtered`); None: constant in a window
+    late     how much later than logged beta acts in the estimates; None: as logged
+    InputError if no window was fitted or the log is too short.  A rate that is not measured is the slope of theta.
     """
     rows = usable(checked(log), is_steadied=False)
     if rows is None or rows.t[-1] - rows.t[0] < 2.0 * INCREMENT:
@@ -132,8 +133,7 @@ def residuals(log: Log, estimates: list[Estimate], nominal: Nominal | None = Non
 
 
 def with_noise(rows: Rows, rng: np.random.Generator) -> Rows:
-    """The same rows with as much white noise again as is on them; a rate that is not measured is that of the attitude
-    with its noise."""
+    """Return the rows with white noise of their own level added; a rate that is not measured is theta's slope."""
     def drawn(x: np.ndarray) -> np.ndarray:
         return np.asarray(x + np.sqrt(noise_variance(x)) * rng.standard_normal(len(x)))
 
@@ -144,14 +144,14 @@ def with_noise(rows: Rows, rng: np.random.Generator) -> Rows:
 
 
 def _joined(parts: list[Rows]) -> Rows:
-    """Draws of the same rows, one after the other."""
+    """Return several draws of the same rows, one after the other."""
     columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts])
                                for name in ("t", "theta", "gamma", "theta_dot", "beta")}
     return dataclasses.replace(parts[0], **columns)
 
 
 def _weak(shaped: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
-    """A window's residual (k,) [rad/s^2] at times (k,) [s]."""
+    """Return (times (k,) [s], residual (k,) [rad/s^2]) of a window."""
     terms, (a6, k1) = active_terms(estimate), shaped.shapes(estimate)
     rows = shaped.rows
     rows = dataclasses.replace(rows, theta=a6 * rows.theta, gamma=a6 * rows.gamma, beta=k1 * rows.beta)
@@ -160,7 +160,7 @@ def _weak(shaped: Shaped, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _correlation(left: list[np.ndarray], spacing: int) -> Correlation | None:
-    """The correlation of residuals so many rows apart, each window's mean taken off; None: there are too few."""
+    """Return the autocorrelation of residuals `spacing` rows apart, each window's mean removed; None if too few."""
     e = np.concatenate([(e - e.mean())[::spacing] for e in left if len(e)] or [np.zeros(0)])
     lags = min(RESIDUAL_LAGS, len(e) // 3)
     if lags < 1 or not np.any(e != 0.0):
@@ -174,10 +174,10 @@ def _coefficients(estimate: Estimate) -> np.ndarray:
 
 
 def _ahead(shaped: Shaped, noisy: Rows, fitted: list[tuple[Estimate, float]], horizon: float) -> Predicted:
-    """Predictions from rows a horizon apart, so that they join without overlap; in windows that are long enough.
+    """Return predictions from rows a horizon [s] apart, which join without overlap, in windows that are long enough.
 
-    noisy   RESIDUAL_DRAWS of the rows with noise, joined;  fitted  estimates and the steady acceleration [rad/s^2]
-    beside them
+    noisy   RESIDUAL_DRAWS of the rows with noise, joined
+    fitted  (estimate, its steady acceleration [rad/s^2]) of each window
     """
     rows = shaped.rows
     period = float(np.median(np.diff(rows.t)))
@@ -205,8 +205,8 @@ def _ahead(shaped: Shaped, noisy: Rows, fitted: list[tuple[Estimate, float]], ho
 
 def _run(rows: Rows, shapes: np.ndarray, estimate: Estimate, steady: float, start: np.ndarray,
          steps: int) -> np.ndarray:
-    """theta (m,) after so many rows from each start (m,): Heun's rule on the measured beta, a6 and k1 times shapes
-    (2, n) at the rows."""
+    """Return theta (m,) `steps` rows after each start (m,), by Heun's rule on the measured beta; a6 and k1 times
+    `shapes` (2, n) at the rows."""
     a6, k1 = shapes
     terms, xi, middle = active_terms(estimate), _coefficients(estimate), 0.5 * (estimate.t_start + estimate.t_end)
     theta, theta_dot = rows.theta[start].copy(), rows.theta_dot[start].copy()

@@ -1,4 +1,4 @@
-"""A log, or samples off a socket, followed while they come, on a page of one's own machine.
+"""Follow a log, or samples off a socket, while rows come, and show the estimates on a page of this machine.
 
 The way of a row:
 

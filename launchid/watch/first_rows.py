@@ -1,4 +1,4 @@
-"""The data check of a source's rows so far: what only many rows show (units, signs, stamps)."""
+"""Run the data check on the rows so far of a stream: it finds what only many rows show (units, signs, stamps)."""
 
 from sim.errors import InputError
 from sim.nominal import Nominal
@@ -13,10 +13,10 @@ MOST_PIECES = 256      # that are kept one by one
 
 
 class FirstRows:
-    """The rows so far, up to MOST_CHECKED of them: the check is asked when CHECKED are there, and again whenever they
-    are twice as many.
+    """The rows of a stream so far, MOST_CHECKED at most, and the data check of them, which runs at CHECKED [s] of rows
+    and again whenever the rows have doubled.
 
-    is_asked  whether it could be asked yet;  foreign  in words the columns of another quantity, as far as seen
+    is_asked  whether the check has run;  foreign: text naming columns that hold another quantity, "" if none do
     """
 
     def __init__(self, path: str) -> None:
@@ -27,7 +27,7 @@ class FirstRows:
         self.is_asked, self.foreign = False, ""
 
     def add(self, log: Log) -> None:
-        """Rows that came.  Those before another header are not kept."""
+        """Keep further rows for the check; rows under another header replace all rows before them."""
         if self._columns not in ((), log.columns):   # of which nothing is known yet
             self._logs, self.count, self._asked_at, self.is_asked, self.foreign = [], 0, 0, False, ""
         self._columns = log.columns
@@ -39,7 +39,7 @@ class FirstRows:
             self._logs = [rows_of(*self._logs)]
 
     def checked(self, nominal: Nominal, period: float, ended: bool) -> str:
-        """Return what the data check finds and did not before, if rows suffice or no more come.  Else ''."""
+        """Run the data check if it is due or `ended` (no more rows come); return one line of new findings, else ""."""
         is_due = self.count >= min(max(CHECKED / period, 2 * self._asked_at), MOST_CHECKED) or ended
         if not is_due or (self.is_asked and self.count <= self._asked_at):
             return ""

@@ -1,4 +1,4 @@
-"""The estimator of `identify --nominal --tracked`, fed while rows come; what it says goes to `live`."""
+"""Feed the estimator of `identify --nominal --tracked` while rows come; its numbers for the page go to `live`."""
 
 import dataclasses
 import itertools
@@ -46,14 +46,14 @@ OTHER_RATE = 1.5      # periods from one row to the next, or so many rows in one
 
 
 class Follower:
-    """Rows in by `take`; `tick` shows the newest numbers; `report` is identify's of the rows so far, the fits apart.
+    """Estimator fed while rows come: `take` feeds rows, `tick` refreshes the page, `report` returns identify's JSON.
 
-    `prepare` loads the compiled code: before the first row, nothing that comes is kept waiting for it.
+    `prepare` loads the compiled code; call it before the first row, so that no row waits for it.
 
-    period   [s] between samples; None: the median step of the first PERIOD_ROWS rows, which wait for it.  Rows that say
-             none that can be used are waited past, and until a window is valid others that say another begin anew
-    strict   what the data check finds is an InputError
-    say      told what is worth a line
+    period   [s] between samples; None: median step of the first PERIOD_ROWS rows, which wait for it.  Rows without a
+             usable period are skipped; until a window is valid, rows of another period start the estimator anew
+    strict   raise InputError where the data check finds a fault
+    say      called with each line of text for the user
     """
 
     def __init__(self, source: str, nominal: Nominal, *, window: float = 1.0, period: float | None = None,
@@ -77,7 +77,7 @@ class Follower:
         self.live = Live(self._head())
 
     def prepare(self) -> None:
-        """Load the compiled code, or compile it; with a period from the caller, begin."""
+        """Load the estimator's compiled code (or compile it); if the period was given, rows can be fed after it."""
         if self._is_prepared:
             return
         self._is_prepared = True
@@ -91,8 +91,8 @@ class Follower:
         self.live.revision += 1
 
     def _config(self, period: float) -> Config:
-        """The configuration of `identify` for a log of this period [s], with the range of the uncertainty level if the
-        nominal has one, which changes no other number."""
+        """Return the configuration of `identify` for a log of this period [s], with the nominal's range if it has
+        [uncertainty]; the range changes no other number."""
         if not 0.0 < period < math.inf:
             raise UsageError(f"--period {period!r}: expected a time in s above 0")
         timing = log_of({"t": [0.0, period], "theta": [0.0, 0.0], "beta": [0.0, 0.0]}, self._source)
@@ -105,7 +105,7 @@ class Follower:
     # ---- rows
 
     def take(self, log: Log) -> None:
-        """Rows that came."""
+        """Feed further rows to the estimator and the data check, or keep them while the period is not known yet."""
         self.prepare()
         self.rows, self._came = self.rows + len(log.t), time.monotonic()
         self._first.add(log)
@@ -120,7 +120,7 @@ class Follower:
             self.check(ended=False)
 
     def end(self) -> None:
-        """No more rows come; InputError if there were too few to say anything."""
+        """Feed all rows that still wait, as no more come; InputError if they are too few to tell a period."""
         if self.estimator is None:
             try:
                 self._begin(self._rate.of_few())
@@ -130,12 +130,12 @@ class Follower:
         self.check(ended=True)
 
     def feed_rest(self) -> None:
-        """The rows that wait to be judged by those behind them, which do not come."""
+        """Feed the rows that the row-by-row check holds back until later rows come."""
         if self.estimator is not None:
             self._feed(self._live_check.rest())
 
     def _try(self, period: float) -> None:
-        """Begin, or begin anew, at this period [s] of the last rows, if it can be and is not that of before."""
+        """Start the estimator with this period [s] of the last rows, unless it runs with one near it (OTHER_RATE)."""
         if self.estimator is not None:
             before = self.estimator.config.sample_period
             if before / OTHER_RATE < period < before * OTHER_RATE:
@@ -149,7 +149,7 @@ class Follower:
             self._waiting.clear()
 
     def _begin(self, period: float) -> None:
-        """The rows that waited are fed; UsageError or InputError if nothing can be estimated at this period."""
+        """Start an estimator with this period [s] and feed rows that waited; UsageError or InputError if it fails."""
         if self._window / period > WINDOW_ROWS:
             raise InputError(f"{self._source}: column t: its median step is {period:g} s; "
                              f"expected at most {WINDOW_ROWS} "
@@ -163,7 +163,7 @@ class Follower:
                        "and the standard deviations are wider for it")
 
     def check(self, ended: bool) -> None:
-        """Ask the data check if it is time, or if no more rows come."""
+        """Run the data check if due or `ended`, and judge shown windows by it; InputError for faults if `strict`."""
         assert self.estimator is not None
         if words := self._first.checked(self._nominal, self.estimator.config.sample_period, ended):
             if self._strict:
@@ -177,7 +177,7 @@ class Follower:
             self.live.revision += 1
 
     def _judged(self, estimate: Estimate) -> Estimate:
-        """The window as the data check of the rows so far lets it stand, as `identify` does with the whole log's."""
+        """Return the estimate, not valid if the data check of the rows so far is outstanding or found wrong columns."""
         if not estimate.valid or (self._first.is_asked and not self._first.foreign):
             return estimate
         return refused(estimate) if self._first.foreign else dataclasses.replace(
@@ -189,7 +189,7 @@ class Follower:
             self._say(text)
 
     def _feed(self, logs: Iterator[Log]) -> None:
-        """Rows that were checked."""
+        """Feed rows that the row-by-row check has passed, and keep each window that closes."""
         assert self.estimator is not None
         update = self.estimator.update
         for sample in itertools.chain.from_iterable(log.samples() for log in logs):
@@ -212,7 +212,7 @@ class Follower:
         self.live.revision += 1
 
     def _point(self, estimator: Estimator) -> None:
-        """The tracked estimate as of now, unless so many points are there that this one would be left out."""
+        """Add the tracked estimate as a point of the page's curve, if the curve keeps the next one."""
         points = self.live.points
         self._until_point = max(1, round(SPACING / estimator.config.sample_period))
         estimate = estimator.estimate() if points.is_due() else None
@@ -222,9 +222,9 @@ class Follower:
     # ---- what is shown
 
     def tick(self, state: str = "following", malformed: int = 0, last: str = "") -> None:
-        """The newest numbers into `live`, if FRAME has passed since they last were, or the state is another.
+        """Write the newest numbers to `live` for the page, at most every FRAME [s], or at once if `state` has changed.
 
-        malformed, last   rows that could not be read, and what was said of the last one
+        malformed, last   how many rows could not be read, and the message about the last of them
         """
         clock = time.monotonic()
         if clock - self._came > PAUSE:
@@ -263,24 +263,24 @@ class Follower:
                 "curve": nominal_curve(nominal)}
 
     def report(self) -> dict[str, Any]:
-        """identify's JSON of the last LAST_WINDOWS windows, without the fits, which need the whole log."""
+        """Return identify's JSON of the last LAST_WINDOWS windows, without the fits, which need the whole log."""
         assert self.estimator is not None
         answer = report([self._judged(e) for e in self.estimates], self.estimator, tracked=True)
         return answer | {"earlier_windows": self.closed - len(self.estimates)}
 
 
 def rounded(x: float) -> float | None:
-    """A number for a page; None for what is not finite."""
+    """Return a number rounded to SIGNIFICANT_DIGITS, None if it is not finite, for JSON."""
     return number(float(f"{x:.{SIGNIFICANT_DIGITS}g}"))
 
 
 def instant(t: float) -> float | None:
-    """A time stamp for a page; None for what is not finite."""
+    """Return a time stamp [s] rounded to 0.1 ms, None if it is not finite, for JSON."""
     return number(round(t, 4)) if math.isfinite(t) else None
 
 
 def _rounded(given: Any, name: str = "") -> Any:
-    """The same of every number of a JSON."""
+    """Return a JSON value with each float rounded, by `instant` if its key is in STAMPS, else by `rounded`."""
     if isinstance(given, dict):
         return {key: _rounded(value, key) for key, value in given.items()}
     if not isinstance(given, float):
@@ -289,13 +289,13 @@ def _rounded(given: Any, name: str = "") -> Any:
 
 
 def window_row(estimate: Estimate) -> Row:
-    """A window in the order of `live.WINDOW`."""
+    """Return a window's estimate as a row in the order of `live.WINDOW_COLUMNS`, numbers rounded."""
     return (instant(estimate.t_start), instant(estimate.t_end), estimate.status.name,
             *(rounded(getattr(estimate, name)) for name in ("a6", "a6_std", "k1", "k1_std")))
 
 
 def point_row(t: float, estimate: Estimate) -> Row:
-    """The tracked estimate in the order of `live.POINT`."""
+    """Return the tracked estimate at time t [s] as a row in the order of `live.POINT`; None for what is not finite."""
     tracked, levels = estimate.tracked, estimate.uncertainty
     assert tracked is not None
     values = [tracked.a6, tracked.a6_std, tracked.k1, tracked.k1_std, estimate.wind, estimate.wind_std]
@@ -306,7 +306,7 @@ def point_row(t: float, estimate: Estimate) -> Row:
 
 
 def nominal_curve(nominal: Nominal) -> dict[str, list[float]]:
-    """a6, k1 and the edges of their range over time; one point: they are constant."""
+    """Return name -> values over time of t, a6, k1 and their ranges' half widths; one point if all are constant."""
     sigma = nominal.uncertainty
     times = [nominal.vehicle.t, *([] if sigma is None else [sigma.t])]
     nodes = np.unique(np.concatenate([t for t in times if len(t) > 1] or [np.zeros(1)]))

@@ -1,6 +1,6 @@
-"""Bytes of a stream -> logs of the rows that came.
+"""Cut the bytes of a stream into rows, and the rows into logs.
 
-A row that cannot be read is said in one line with its number, counted, and left out.
+A row that cannot be read is reported in one line with its number, counted, and left out.
 """
 
 import csv
@@ -24,13 +24,14 @@ BOM = b"\xef\xbb\xbf"
 
 
 class Lines:
-    """A stream cut into rows, which are read as `launchid.log.log` does.
+    """Reader of a stream's bytes as CSV rows, by the rules of `launchid.log.log`.
 
-    path       what messages call the stream
-    strict     no usable columns are an InputError (of a file), not a row that cannot be read (of a socket, where
-               anybody may send anything)
-    of         the map of rows with other names and units; None: those of a log
-    malformed, last   how many rows could not be read; what was said of the last one
+    path       name of the stream in messages
+    strict     raise InputError if the columns cannot be used (a file); else count such a row as malformed (a socket,
+               where anybody may send anything)
+    say        called with each message
+    mapping    map of rows with other names and units; None: columns of a log, in SI units
+    malformed, last   how many rows could not be read; the message about the last of them
     """
 
     def __init__(self, path: str, strict: bool, say: Callable[[str], None], mapping: Map | None = None) -> None:
@@ -42,7 +43,7 @@ class Lines:
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """Another stream: a line that was not ended is none, and the columns may be others."""
+        """Begin another stream: an unfinished line is dropped as malformed, and a new header is expected."""
         if self._torn:
             self._refuse(f"{self.path}: line {self.number + 1}: cut short")
         self._torn, self._too_long, self.number = b"", False, 0
@@ -50,7 +51,8 @@ class Lines:
         self._headless = True  # no header was refused, so rows without one are in COLUMN_ORDER
 
     def logs(self, piece: bytes) -> Iterator[Log]:
-        """The rows that this piece completes; one log for each header."""
+        """Yield the rows that this piece of bytes completes, as one log for each header; an unfinished line waits for
+        the next piece."""
         *lines, self._torn = (self._torn + piece).split(b"\n")
         rows: list[list[float]] = []
         for line in lines:
@@ -67,7 +69,7 @@ class Lines:
             self._torn, self._too_long = b"", True
 
     def _row(self, line: bytes) -> list[float] | None:
-        """The numbers of a line; None for a header, a blank line, and what cannot be read."""
+        """Return the numbers of a line; None for a header, a blank line or a malformed row."""
         self.number += 1
         too_long, self._too_long = self._too_long or len(line) > LONGEST_LINE, False
         if too_long:
@@ -100,7 +102,7 @@ class Lines:
             raise InputError(f"{self.path}: line {self.number}: {error}; expected comma-separated cells") from None
 
     def _is_header(self, cells: list[str]) -> bool:
-        """The stamps' column is named; of a file also a first line that is no row of numbers."""
+        """Whether the cells name the column of stamps; of a file also a first line that is no row of numbers."""
         return self._clock in map(str.strip, cells) or (self._strict and self.number == 1 and not _are_numbers(cells))
 
     def _take_header(self, cells: list[str]) -> None:
@@ -130,7 +132,7 @@ class Lines:
         self._tell(f"{self.last}; the row is left out")
 
     def _tell(self, text: str) -> None:
-        """Say something of the rows, MOST_MESSAGES lines at most, whatever a sender does."""
+        """Report a message, MOST_MESSAGES at most, whatever a sender does."""
         self._said += 1
         if self._said <= MOST_MESSAGES:
             self._say(text if len(text) <= LONGEST_SAID else f"{text[:LONGEST_SAID]}...")

@@ -1,4 +1,4 @@
-"""The state that pages show, in fixed memory: written by the follower alone, read by any thread without a lock.
+"""State that pages show, in fixed memory: written by the follower alone, read by any thread without a lock.
 
 A list here only grows until it is replaced by a new one, and everything else is replaced: what a reader took stays as
 it was.
@@ -16,19 +16,19 @@ WINDOW_COLUMNS = ("t_start", "t_end", "status", "a6", "a6_std", "k1", "k1_std")
 
 
 class Series:
-    """Rows over the whole time in a list of at most `most`: when it is full every other row goes, and of what comes
-    only one of `stride` is kept from then on."""
+    """Rows over the whole time in a list of at most `most`: each time it is full, every other row is dropped, and from
+    then on only one of `stride` further rows is kept."""
 
     def __init__(self, most: int) -> None:
         self.most, self.stride, self._offered = most, 1, 0
         self.rows: list[Row] = []
 
     def is_due(self) -> bool:
-        """Whether the next row will be kept."""
+        """Whether `add` will keep the next row."""
         return self._offered % self.stride == 0
 
     def add(self, row: Row | None) -> None:
-        """The next row; None where `is_due` said no."""
+        """Count the next row, and keep it if `is_due`; where that is False the row is not read and may be None."""
         if self.is_due() and row is not None:
             self.rows.append(row)
         self._offered += 1
@@ -38,11 +38,11 @@ class Series:
 
 
 class Live:
-    """All that a page is told.
+    """All that a page shows: points of the tracked estimate, windows, changes and
 
     head      what does not change while rows come: names, units, the nominal
     now       the latest numbers
-    revision  of all this: grows with every change
+    revision  counter that grows with every change of any of them
     """
 
     def __init__(self, head: dict[str, Any]) -> None:
@@ -54,7 +54,7 @@ class Live:
 
 
 class Seen(NamedTuple):
-    """The state that a page has already received."""
+    """What a page has received already: the head, both lists (by identity) and how many of their rows."""
 
     head: dict[str, Any]
     points: list[Row]
@@ -64,7 +64,7 @@ class Seen(NamedTuple):
 
 
 def message(live: Live, seen: Seen | None) -> tuple[dict[str, Any], Seen]:
-    """The message of what a page lacks: everything (`head` is among it) at first and where a list was thinned."""
+    """Return (message, Seen): what a page lacks of `live`; all, `head` too, if `seen` is None or a list was thinned."""
     head, points, windows = live.head, live.points.rows, live.windows.rows
     now = Seen(head, points, windows, len(points), len(windows))
     always = {"now": live.now, "changes": live.changes}

@@ -1,4 +1,4 @@
-"""The sample period, as the rows that come say it."""
+"""Tell the sample period from rows as they come."""
 
 from collections.abc import Iterator
 
@@ -11,15 +11,15 @@ PERIOD_ROWS = 64  # whose median step is the sample period
 
 
 class Rate:
-    """The sample period of rows that come, by PERIOD_ROWS.  What the estimator would reject for its stamp, theta or
-    beta says nothing of the rate."""
+    """Sample period [s] as the median step of each PERIOD_ROWS rows that come; rows whose t, theta or beta the
+    estimator would reject are not counted."""
 
     def __init__(self, path: str) -> None:
         self._path, self._t = path, list[float]()
 
     def parts(self, log: Log) -> Iterator[tuple[Log, float | None]]:
-        """The log cut behind each row that completes so many, with the median step [s] between their stamps there; None
-        at its end, and where all stamps are one."""
+        """Yield (part of the log, period [s]); a part ends where PERIOD_ROWS rows are complete, the last one may have
+        fewer: its period is None, as that of equal stamps."""
         sound = log.in_range("t") & np.isfinite(log.theta) & np.isfinite(log.beta)
         begin = 0
         for row in np.flatnonzero(sound).tolist():
@@ -33,6 +33,6 @@ class Rate:
             yield part(log, begin, len(log.t)), None
 
     def of_few(self) -> float:
-        """The same of fewer rows, when no more come; InputError if they do not say it."""
+        """Return the period [s] of the rows since the last complete PERIOD_ROWS; InputError if they are too few."""
         nothing = np.zeros(len(self._t))
         return log_of({"t": self._t, "theta": nothing, "beta": nothing}, self._path).period

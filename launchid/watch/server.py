@@ -1,4 +1,4 @@
-"""The page and what it is told, on the loopback, in threads that only read.
+"""Serve the page and its messages on the loopback, in threads that only read `live`.
 
     /        the page
     /events  server-sent events: everything at first, then what is new, at most 20 times a second
@@ -7,8 +7,8 @@
 A browser that does not read is told everything it missed in one message when it does, and is let go after
 BROWSER_TIMEOUT.
 
-Threads are bounded, a connection each: the newest is served, and the oldest goes for it.  Pages of other origins are
-answered nothing.
+Each connection has a thread, MOST_CONNECTIONS at most: a new one is served, and the oldest is closed for it.  Pages of
+other origins get status 403.
 """
 
 import base64
@@ -40,7 +40,7 @@ LIVE_PAGE = inlined((Path(__file__).parent / "page.html").read_text(encoding="ut
 
 
 def _hash(tag: str) -> str:
-    """The hash of the page's one <script> or <style>, which a browser compares: no other is run."""
+    """Return the hash of the page's one <script> or <style> for the Content-Security-Policy: no other is run."""
     (inside,) = re.findall(rb"<%b>(.*?)</%b>" % (tag.encode(), tag.encode()), LIVE_PAGE, re.DOTALL)
     return f"'sha256-{base64.b64encode(hashlib.sha256(inside).digest()).decode()}'"
 
@@ -53,7 +53,7 @@ HEADERS = {
 
 
 class Server(ThreadingHTTPServer):
-    """A server of `live`, until it is closed."""
+    """HTTP server of a `Live` state on the loopback, which serves from its creation until `end`."""
 
     daemon_threads = True
     block_on_close = False
@@ -77,10 +77,10 @@ class Server(ThreadingHTTPServer):
         return f"http://{LOOPBACK}:{self.server_address[1]}/"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that goes is no fault."""
+        """Ignore an error of a connection: a browser may leave at any time."""
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """A thread for it, and if there is none left the one of the oldest connection that is no page."""
+        """Serve a connection in a new thread; if MOST_CONNECTIONS are open, close the oldest without a page first."""
         if not self._room.acquire(blocking=False):
             with self._lock:
                 oldest = next((each for each in self.open if each not in self.telling), request)
@@ -94,27 +94,26 @@ class Server(ThreadingHTTPServer):
         super().process_request(request, client_address)
 
     def shutdown_request(self, request: Any) -> None:
-        """The end of a connection."""
+        """Close a connection and make room for another."""
         super().shutdown_request(request)
         with self._lock:
             del self.open[request]
         self._room.release()
 
     def admit(self, page: socket.socket) -> None:
-        """Tell this page from now on, and no more the oldest of as many as there may be."""
+        """Add a page to those that receive events; of more than MOST_PAGES the oldest receives no more."""
         with self._lock:
             while len(self.telling) >= MOST_PAGES:
                 del self.telling[next(iter(self.telling))]
             self.telling[page] = None
 
     def leave(self, page: socket.socket) -> None:
-        """Tell this page no more."""
+        """Take a page from those that receive events."""
         with self._lock:
             self.telling.pop(page, None)
 
     def end(self) -> None:
-        """End the server after the last `live`: pages that are connected receive that first, for FAREWELL seconds at
-        most."""
+        """Stop the server once connected pages have received the last state, after FAREWELL [s] at most."""
         until = time.monotonic() + FAREWELL
         while self.telling and time.monotonic() < until:
             time.sleep(0.5 * FRAME)
@@ -123,14 +122,14 @@ class Server(ThreadingHTTPServer):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """One request."""
+    """Answer to one HTTP request for /, /events or /state; status 403 for pages of other origins."""
 
     server: Server
     server_version, sys_version = "launchid", ""
     timeout = BROWSER_TIMEOUT
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing of a request."""
+        """Print nothing about a request."""
 
     def do_HEAD(self) -> None:
         self._answer(with_body=False)
@@ -152,8 +151,8 @@ class Handler(BaseHTTPRequestHandler):
             self._whole(404, "text/plain; charset=utf-8", b"expected /, /events or /state\n", with_body)
 
     def _is_ours(self, path: str) -> bool:
-        """Whether a request has this machine's name, and is not by a page of another origin, whose name may have been
-        turned to this address.  A link to the page may stand anywhere."""
+        """Whether a request names this machine as host and comes from no page of another origin, whose name may have
+        been resolved to this address; a link to the page may stand anywhere."""
         names = (LOOPBACK, "localhost")
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         if (host.rpartition(":")[0] or host) not in names:
@@ -199,7 +198,7 @@ class Handler(BaseHTTPRequestHandler):
 
 
 def _json(content: dict[str, Any]) -> bytes:
-    """The message as JSON, with the time [s] since the last row, as no page has this clock."""
+    """Return the message as JSON, with `idle` [s] since the last row in place of this machine's clock."""
     now = {name: value for name, value in content["now"].items() if name != "clock"}
     if "clock" in content["now"]:
         now["idle"] = round(time.monotonic() - content["now"]["clock"], 1)

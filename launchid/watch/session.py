@@ -1,4 +1,4 @@
-"""A session: from the source's first row to its last, or to Ctrl-C."""
+"""Run a session of `watch`: from the source's first row to its last, or to Ctrl-C."""
 
 import math
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from .sources import File, Pipe, Source
 
 @dataclass(frozen=True, eq=False)
 class Watched(Answer):
-    """The answer of `watch`: what was known at the end."""
+    """Result of `watch`: identify's JSON at the end (`report`), and whether Ctrl-C ended it (`interrupted`)."""
 
     source: str
     report: dict[str, Any]
@@ -41,14 +41,14 @@ class Watched(Answer):
 def watch(source: Source, nominal: Nominal, *, window: float = DEFAULT_WINDOW, period: float | None = None,
           noise: str = "estimated", strict: bool = False, mapping: Map | None = None, http: int = 0,
           say: Callable[[str], None] = lambda text: None) -> Watched:
-    """Follow a source and serve the page until it ends or Ctrl-C comes.
+    """Follow a source, serve its page until it ends or Ctrl-C comes, and return the result.
 
-    window, period   [s] of the estimator; period None: what the first rows say
-    strict           what the data check of the rows so far finds is an InputError
-    mapping          the map of rows with other names and units
+    window, period   [s] of the estimator; period None: told by the first rows
+    strict           raise InputError where the data check of the rows so far finds a fault
+    mapping          map of rows with other names and units
     http             port of the page on the loopback; 0: any free one
-    say              told where the page is, and of rows that cannot be read
-    KeyboardInterrupt if it came before there was anything to tell.
+    say              called with lines for the user: the page's address, rows that cannot be read
+    Raise KeyboardInterrupt if Ctrl-C comes before the estimator has begun.
     """
     follower = Follower(source.name, nominal, window=window, period=period, noise=noise, strict=strict, say=say)
     lines = Lines(source.name, isinstance(source, (File, Pipe)), say, mapping)
@@ -73,7 +73,7 @@ def watch(source: Source, nominal: Nominal, *, window: float = DEFAULT_WINDOW, p
 
 
 def follow(source: Source, lines: Lines, follower: Follower) -> None:
-    """Every row of a source to the follower, until the source ends."""
+    """Feed the follower every row of a source until it ends, and refresh the page's numbers after each piece."""
     for piece in source.pieces():
         if piece is None:
             lines.begin_anew()

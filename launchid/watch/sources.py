@@ -1,6 +1,6 @@
-"""The sources of rows, as pieces of bytes: a growing file, a pipe, UDP or TCP on the loopback.
+"""Sources of rows as pieces of bytes: a growing file, a pipe, UDP or TCP on the loopback.
 
-A piece may end anywhere in a line.  b"": nothing new for IDLE; None: what follows is another stream.
+A piece may end anywhere in a line.  b"" says that nothing came for IDLE [s]; None that another stream follows.
 """
 
 import os
@@ -38,26 +38,26 @@ Selector = getattr(selectors, "PollSelector", selectors.SelectSelector)
 
 
 def is_readable(what: int | socket.socket, patience: float) -> bool:
-    """Whether something is there to be read, or comes within so many seconds."""
+    """Whether a descriptor or socket has bytes to read, now or within `patience` [s]."""
     with Selector() as selector:
         selector.register(what, selectors.EVENT_READ)
         return bool(selector.select(patience))
 
 
 class Source(Protocol):
-    """A stream of pieces of a log."""
+    """A stream of a log's bytes; name: what messages call it."""
 
     name: str
 
     def pieces(self) -> Pieces:
-        """The pieces until the source ends."""
+        """Yield pieces of bytes until the source ends: b"" if nothing came for IDLE [s], None before another stream."""
 
 
 def open_source(text: str, once: bool, say: Callable[[str], None] = lambda text: None) -> Source:
-    """FILE, `-`, udp:PORT or tcp:PORT; UsageError, InputError in one line for what cannot be followed.
+    """Open FILE, `-` (standard input), udp:PORT or tcp:PORT; UsageError or InputError in one line if that fails.
 
-    once  it ends: a file with its last row, TCP with its first sender, UDP with an empty datagram
-    say   told once that a connection was closed for what it sent
+    once  the source ends: a file with its last row, TCP with its first sender, UDP with an empty datagram
+    say   called once with a line if a connection was closed for what it sent (HTTP, or no text)
     """
     kind, _, port = text.partition(":")
     if kind in ("udp", "tcp"):
@@ -98,7 +98,7 @@ def _bound(text: str, kind: str, port: str) -> socket.socket:
 
 
 class File:
-    """A regular file, followed as `tail -F` does: what is appended, and the new one when it was replaced or cut."""
+    """A regular file, followed as `tail -F` does: appended rows, and the new file when it was replaced or cut."""
 
     def __init__(self, name: str, path: str, once: bool) -> None:
         """OSError if it cannot be opened."""
@@ -122,7 +122,7 @@ class File:
             self._file.close()
 
     def _turn(self) -> bool:
-        """Turn to the file that stands at the path now, if it is another or was cut; returns whether it did."""
+        """Open the file that stands at the path now, if it is another or was cut; return whether it was."""
         try:
             status = os.stat(self._path)
             if status.st_size >= self._file.tell() and os.path.samestat(status, os.fstat(self._file.fileno())):
@@ -136,13 +136,13 @@ class File:
 
 
 class Whole:
-    """A log that is all there, of a file of another format, as its rows would have come."""
+    """A complete log, read from a file of another format, given out as the CSV text of its rows."""
 
     def __init__(self, log: Log) -> None:
         self.name, self._log = log.path, log
 
     def pieces(self) -> Pieces:
-        """The log as text, in the shortest numbers that read back to the same bits."""
+        """Yield the log as CSV text, ROWS_A_READ rows a piece, each number in the shortest form with the same bits."""
         columns = self._log.measured()
         yield (",".join(columns) + "\n").encode()
         for k in range(0, len(self._log.t), ROWS_A_READ):
@@ -151,7 +151,7 @@ class Whole:
 
 
 class Pipe:
-    """Standard input or a FIFO: it ends when its writers have gone."""
+    """Standard input or a FIFO; it ends when its writers have closed it."""
 
     def __init__(self, name: str, number: int) -> None:
         self.name, self._number = name, number
@@ -168,7 +168,7 @@ class Pipe:
 
 
 class Udp:
-    """Datagrams with one row each, or several lines."""
+    """A UDP socket; a datagram holds one row, or several lines."""
 
     def __init__(self, bound: socket.socket, once: bool) -> None:
         self._socket, self._once = bound, once
@@ -194,10 +194,10 @@ class Udp:
 
 
 class Tcp:
-    """Lines of one sender at a time; the next is heard when it has gone, or says nothing more.
+    """A TCP socket that reads one sender at a time; the next one follows when it has closed or is SILENT [s] silent.
 
-    A connection is a sender once its first line has begun, and is closed if that is no text, or HTTP.  One that says
-    nothing keeps nobody waiting.
+    A connection is a sender once its first line has begun, and is closed if that is HTTP or no text.  Connections that
+    send nothing do not hold up others.
     """
 
     def __init__(self, bound: socket.socket, once: bool, say: Callable[[str], None] = lambda text: None) -> None:
@@ -241,7 +241,7 @@ class Tcp:
                 yield b""
 
     def _next(self) -> socket.socket | None:
-        """The oldest connection that has begun a line of text; what cannot be a sender is closed."""
+        """Return the oldest connection that has begun a line of text, or None; close those that cannot be senders."""
         self._accept()
         speaking = []
         for sender in [*self._waiting]:
@@ -276,7 +276,7 @@ class Tcp:
 
 
 def _first_bytes(sender: socket.socket) -> bytes | None:
-    """The first bytes of a connection, b"" of one that has ended; None while they decide nothing."""
+    """Return the first bytes of a connection, which stay unread, b"" if it has ended, None while they are too few."""
     try:
         first = sender.recv(KNOWN_BY, socket.MSG_PEEK)
     except BlockingIOError:
