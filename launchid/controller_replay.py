@@ -307,7 +307,7 @@ def replayed(nominal: Nominal, t_first: float, step: float, held: int, logged: n
                           + math.fsum(each**2 for each in steps) / 12.0 * math.fsum(answer**2))
 
     def begun(phase: int) -> Replay:
-        """The replay of a controller whose periods begin with this row of `held`."""
+        """Return the replay of a controller whose periods begin with row `phase` of each `held` rows."""
         rows, z, wanted = (np.append(column, np.full(held, math.nan))[phase:len(column) // held * held + phase]
                            .reshape(-1, held) for column in (logged, seen, reference))
         error, first = z[:, 0] - wanted[:, 0], t_first + phase * step

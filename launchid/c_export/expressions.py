@@ -66,7 +66,7 @@ def refuse_negative(node: ast.expr | None) -> None:
 
 
 def _bracketed(code: str) -> str:
-    """The code in brackets, unless they are all around it already or there is no operator in it."""
+    """Return the code in brackets if it has an operator (a blank) outside of brackets; else as it is."""
     depth = 0
     for letter in code:
         depth += (letter in "([{") - (letter in ")]}")
@@ -143,7 +143,7 @@ class Expressions:
 
     @staticmethod
     def _bound(code: Code, tightness: int) -> str:
-        """The code in brackets if it binds less tightly, or with another operator's precedence."""
+        """Return the code in brackets if it binds less than `tightness`, or differently (MISRA); else as it is."""
         text, binds = code
         clear = binds >= UNARY or tightness == 0
         return text if binds >= tightness and (clear or binds == tightness) else f"({text})"
@@ -211,7 +211,7 @@ class Expressions:
         return f"{self.member(base)}{'->' if self._is_placed(base.value) else '.'}{node.attr}"
 
     def _is_placed(self, node: ast.expr) -> bool:
-        """Whether a struct's fields are addresses."""
+        """Whether the expression is a struct whose fields are pointers."""
         kind = self.kinds.of(node)
         return isinstance(kind, Struct) and kind.placed
 

@@ -96,7 +96,7 @@ def _source(function: Callable[..., Any]) -> str:
 
 
 def _statements(body: list[ast.stmt], block: Block) -> Iterator[tuple[Block, ast.stmt]]:
-    """Every statement with the blocks it is in, outermost first, in the order of the text."""
+    """Yield (blocks around it, outermost first; statement) for every statement, in the order of the text."""
     for node in body:
         yield block, node
         for inner in ("body", "orelse"):
@@ -104,7 +104,7 @@ def _statements(body: list[ast.stmt], block: Block) -> Iterator[tuple[Block, ast
 
 
 def _own_names(node: ast.stmt) -> Iterator[ast.Name]:
-    """Names of a statement itself, not of the blocks in it."""
+    """Yield the names in a statement itself, not in the blocks inside it."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.expr):
             yield from (each for each in walk(child) if isinstance(each, ast.Name))
@@ -150,7 +150,8 @@ class Kernel:
         return self.kinds.result
 
     def translate(self) -> None:
-        """Fill `lines` with C of the function's body, after that of the kernels it calls; Untranslatable names it."""
+        """Translate the function's body into `lines` of C, after the kernels that it calls; raise Untranslatable, which
+        names the kernel, if it has no C."""
         tree = ast.parse(_source(self.function)).body[0]
         assert isinstance(tree, ast.FunctionDef)
         self.tree, self.temporaries = tree, 0
@@ -181,7 +182,8 @@ class Kernel:
         self.answer, self.hands_on = self._answer(), self._hands_on()
 
     def learn(self, given: list[Fact]) -> bool:
-        """Translate again with `given`, a fact for each argument; return whether calls of this kernel must change."""
+        """Translate again with `given`, a fact for each argument; return whether C that calls this kernel has to
+        change."""
         before, self.given = (repr(self.answer), self.hands_on), given
         self.translate()
         return before != (repr(self.answer), self.hands_on)
@@ -269,7 +271,7 @@ class Kernel:
     # ---- variables
 
     def _local_arrays(self) -> tuple[str, ...]:
-        """Local tuples that are indexed by a variable."""
+        """Return the names of local tuples that a variable indexes."""
         return tuple({node.value.id for node in walk(self.tree) if isinstance(node, ast.Subscript)
                       and isinstance(node.value, ast.Name) and not isinstance(node.slice, ast.Constant)
                       and isinstance(self.kinds.names.get(node.value.id), Several)})
@@ -290,7 +292,7 @@ class Kernel:
                 for name, kind in self.kinds.names.items() if name not in left_out]
 
     def _target(self, target: ast.expr, of: ast.Assign) -> str:
-        """The left side of an assignment, which declares a variable where it can."""
+        """Return C of the left side of an assignment, which declares the variable where it can."""
         if isinstance(target, ast.Name) and target.id in self.first.get(id(of), ()):
             return typed(self.unit.c(self.kinds.names[target.id]), word(target.id))
         return self.c(target)
@@ -381,8 +383,8 @@ class Kernel:
         self._line(depth, "}")
 
     def _most_turns(self, loop: ast.For, name: str) -> int:
-        """How often a loop that counts can turn, by the arrays that its variable indexes: for Frama-C, which holds no
-        bound of the count otherwise; 0 of other loops."""
+        """Return how often a loop that counts can turn at most, by the extents of arrays that its variable indexes; 0
+        for other loops.  Frama-C finds no bound of the count otherwise."""
         nodes = walk(loop)
         counts = any(isinstance(each, ast.AugAssign) and isinstance(each.target, ast.Name)
                      and self.kinds.of(each.target) == INTEGER for each in nodes)
@@ -432,14 +434,14 @@ class Kernel:
                 self._line(depth, f"{self._target(target, node)} = {value};")
 
     def _list(self, target: ast.Name, value: ast.expr, depth: int) -> None:
-        """A local tuple as an array."""
+        """Write a local tuple as a C array."""
         kind = self.kinds.names[target.id]
         if not isinstance(value, ast.Tuple) or not isinstance(kind, Several) or len(set(kind.kinds)) != 1:
             raise Untranslatable(f"{target.id}: expected a tuple of one kind where a variable indexes it")
         self._line(depth, f"const {self.unit.c(kind.kinds[0])} {word(target.id)}[] = {{{self.c.listed(value.elts)}}};")
 
     def _unpack(self, target: ast.Tuple, node: ast.Assign, depth: int) -> None:
-        """a, b = c, d: all of the right side before any of the left."""
+        """Write a, b = c, d: all of the right side is evaluated before any of the left is stored."""
         value = node.value
         if isinstance(value, ast.Attribute) and value.attr == "shape":
             parts = self.c.array(value.value)[1]
@@ -466,7 +468,7 @@ class Kernel:
         return names
 
     def _fill(self, target: ast.Subscript, value: ast.expr, depth: int) -> None:
-        """a[i, :] = x: all numbers of an array, or of its row or layer."""
+        """Write a[i, :] = x: x, a number or an array, into all elements of an array, or of its row or layer."""
         lead = [at for at in indices(target) if not isinstance(at, ast.Slice)]
         if any(isinstance(at, ast.Slice) and (at.lower or at.upper or at.step) for at in indices(target)):
             raise Untranslatable(f"{ast.unparse(target)} = ...: expected [:]")

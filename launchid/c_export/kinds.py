@@ -62,7 +62,7 @@ def array_types(source: str) -> str:
 
 @dataclass(frozen=True)
 class Known:
-    """Kind of an integer whose value is known before flight."""
+    """Kind of an integer whose value is known before flight: C has the number in its place."""
 
     value: int
 
@@ -94,7 +94,7 @@ class Struct:
 
 @dataclass(frozen=True)
 class Several:
-    """Kind of a plain tuple, by the kinds of its elements."""
+    """Kind of a plain tuple, as kernels return it; kinds: of its elements."""
 
     kinds: "tuple[Kind, ...]"
 

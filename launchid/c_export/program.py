@@ -115,7 +115,7 @@ class _Program:
         return {name: array for name, array in self.port.memory.apart.items() if self.port.apart[name] == kind}
 
     def _call(self, function: Any) -> str:
-        """C of a call with the memory that the function takes, and a sample `s`."""
+        """Return C of a call of the kernel with the memory that it takes, and a sample `s`."""
         if function is None:
             return ""
         key = self._key(function)
@@ -156,7 +156,7 @@ class _Program:
         return "\n".join([*lines, "    return seal;", "}\n"])
 
     def _constants(self) -> str:
-        """The constants: tables and the fixed struct."""
+        """Return C of the tables and of the fixed struct."""
         fixed = self.port.memory.parts.fixed
         tables = [f"static const double {name.upper()}[] = {_numbers(array, 1)};\n"
                   for name, array in self._apart(FIXED).items()
@@ -167,7 +167,7 @@ class _Program:
     # ---- files
 
     def header(self) -> str:
-        """The text of launchid.h."""
+        """Return the text of launchid.h."""
         return template("launchid.h", self.sizes() | {
             "terms": len(self.config.terms), "max_changes": core_module("changes").MAX_EVENTS,
             "statuses": _enumeration(Status),
@@ -176,7 +176,7 @@ class _Program:
             **{f"edge_{k}": literal(edge) for k, edge in enumerate(EDGES)}})
 
     def _state(self) -> Iterator[tuple[str, np.ndarray]]:
-        """Arrays that persist, in the order in which they are saved, by their C path."""
+        """Yield (C path, array) of the memory that persists, in the order in which it is saved."""
         yield from _arrays(self.port.memory.parts.state, STATE)
         yield from self._apart(STATE).items()
 
@@ -217,7 +217,7 @@ class _Program:
         return sum(max(array.nbytes, array.itemsize) for _, array in self._all(kind))
 
     def source(self) -> str:
-        """The text of launchid.c."""
+        """Return the text of launchid.c."""
         block = (f"const {self.unit.struct(self.block)} block = "
                  f"{{&FIXED, &state->{STATE}, &work->{WORK}}};")
         report: dict[str, object] = {"report": self.report, "block": block}
@@ -241,19 +241,19 @@ class _Program:
 
 
 def _is_spare(part: str, source: str) -> bool:
-    """Whether a part of the source defines a function that is not called."""
+    """Whether a part of the source defines an inline function that nothing calls."""
     made = re.match(r"(?:/\*[^*]*\*/\n)?static inline \w+ (\w+)", part)
     return made is not None and len(re.findall(rf"\b{made[1]}\(", source)) < 2
 
 
 def _arguments(function: Any) -> Iterator[str]:
-    """Names of a kernel's arguments."""
+    """Yield the names of a kernel's arguments."""
     code = getattr(function, "py_func", function).__code__
     yield from code.co_varnames[:code.co_argcount]
 
 
 def _arrays(value: Any, path: str) -> Iterator[tuple[str, np.ndarray]]:
-    """Every array of a nest of named tuples, by its C path."""
+    """Yield (C path, array) for every array of a nest of named tuples."""
     if isinstance(value, np.ndarray):
         yield path, value
     elif isinstance(value, tuple):
@@ -262,7 +262,7 @@ def _arrays(value: Any, path: str) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _numbers(array: np.ndarray, depth: int) -> str:
-    """The initialiser of an array."""
+    """Return the C initialiser of an array, indented by `depth`."""
     numbers = [literal(x) for x in array.ravel()] or [literal(array.dtype.type(0))]  # C has no empty array
     rows = [", ".join(numbers[k:k + NUMBERS_A_LINE]) for k in range(0, len(numbers), NUMBERS_A_LINE)]
     between = ",\n" + "    " * (depth + 1)
@@ -270,7 +270,7 @@ def _numbers(array: np.ndarray, depth: int) -> str:
 
 
 def _initialiser(value: Any, depth: int = 1) -> str:
-    """The initialiser of a constant struct, without what is known."""
+    """Return the C initialiser of a constant struct, without integers known before flight."""
     space, lines = "    " * depth, []
     for name, each in zip(value._fields, value, strict=True):
         if isinstance(each, np.ndarray):
@@ -362,7 +362,10 @@ class Unit:
         return label
 
     def settle(self, roots: dict[Key, list[Fact]]) -> None:
-        """Translate kernels again until each relies on facts that all its calls share.  roots: facts of outer calls."""
+        """Translate kernels again until each relies on facts that all its calls share.
+
+        roots: (kernel, kinds) called from C written by hand -> facts of its arguments
+        """
         news = self._news(roots)
         while news:
             while news:
@@ -405,7 +408,7 @@ def _writable(kind: Kind) -> Kind:
 
 
 def _definition(label: str, value: Any) -> str:
-    """The definition of a constant: an enumerator, a macro, or an array."""
+    """Return C that defines a constant: an enumerator, a macro, or an array."""
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and abs(int(value)) < INT_MAX:
         return f"    {label} = {int(value)},"
     if not isinstance(value, (np.ndarray, tuple)):

@@ -90,7 +90,7 @@ def _base(nominal: Nominal, config: Config, count: int, *effects: str) -> list[S
 
 
 def _swinging(t: float) -> Sample:
-    """A sample of a vehicle that two sines drive."""
+    """Return the sample at t [s] of a vehicle that two sines drive."""
     slow, quick = math.sin(1.3 * t), math.sin(4.1 * t)
     return Sample(t, 0.02 * slow + 0.005 * quick, 0.026 * math.cos(1.3 * t) + 0.0205 * math.cos(4.1 * t),
                   0.01 * slow - 0.004 * quick, -0.0338 * slow - 0.084 * quick, 0.01 * slow - 0.004 * quick)
@@ -326,7 +326,7 @@ def header(config: Config, flights: list[Flight]) -> str:
 
 
 def _array(name: str, rows: list[list[int]], width: int) -> str:
-    """The C array of a table; without a width, of its one row."""
+    """Return the C array of a table with rows of `width` numbers; width 0: of its single row, one-dimensional."""
     listed = [", ".join(f"UINT64_C(0x{value:X})" for value in row) for row in rows]
     if width:
         body = ",\n".join(f"    {{{text}}}" for text in listed)

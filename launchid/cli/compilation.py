@@ -30,7 +30,7 @@ def has_idle_core() -> bool:
 
 
 class Compilation:
-    """Listener to compiled kernels, here and in forked processes: announces, counts, and starts one helper process."""
+    """Listener that launchid_core calls for each kernel that it compiles: announces it, counts, starts one helper."""
 
     def __init__(self) -> None:
         self.said = mmap.mmap(-1, 1)  # shared with forked workers
@@ -39,7 +39,7 @@ class Compilation:
         self.last = self.begun
 
     def __call__(self, module: str, name: str) -> None:
-        """Note that a kernel is compiled."""
+        """Count a compiled kernel; announce the first, and start the helper process if the module is worth it."""
         now = time.monotonic()
         if self.is_quiet:
             pass

@@ -98,7 +98,8 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_W
 
 def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate],
                   changes: Sequence[Change], tracked: bool, warnings: tuple[str, ...] = ()) -> FlightMargins:
-    """Return the margins of the windows of an identification by `filtered`; tracked: also of the tracked estimates."""
+    """Return the stability margins of the windows that `identify` has estimated (`filtered`); tracked: also of its
+    tracked estimates; warnings: become the result's."""
     from ..identification.windows import next_step, why
     from ..robustness import flight_margins as fm
     flown = fm.loop_that_flew(log, nominal, estimates)

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def plan(nominal: NominalSource, *, accuracy: float, window: float) -> Planned:
-    """Design the smallest test input that reaches an accuracy of a6 and k1.
+    """Design the smallest test input that reaches an accuracy of a6 and k1; InputError if the deflection limit forbids.
 
     Parameters
     ----------

@@ -186,7 +186,7 @@ def _other_turns(path: str, source: Source, axis: int, q: np.ndarray) -> list[st
 
 
 def _relative(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """conj(p) q of quaternions (n, 4), w first: the turn from p to q, in the axes of p."""
+    """Return conj(p) q of quaternions (n, 4), w first: the turn from p to q, in the axes of p."""
     (w0, x0, y0, z0), (w, x, y, z) = p.T, q.T
     return np.stack([w0 * w + x0 * x + y0 * y + z0 * z, w0 * x - x0 * w - y0 * z + z0 * y,
                      w0 * y + x0 * z - y0 * w - z0 * x, w0 * z - x0 * y + y0 * x - z0 * w], axis=1)
@@ -253,7 +253,7 @@ def _give_nearest(t: np.ndarray, rows: np.ndarray, at: np.ndarray, values: np.nd
 
 
 def _period(at: np.ndarray) -> float:
-    """Median step [s] of increasing stamps; 0 of fewer than two."""
+    """Return the median step [s] of increasing stamps (n,); 0 for fewer than two."""
     steps = np.diff(at)
     steps = steps[steps > 0.0]
     return float(np.median(steps)) if len(steps) else 0.0

@@ -30,7 +30,7 @@ def _topic(name: str, instance: int) -> str:
 
 
 def _topics(wanted: Wanted) -> set[str] | None:
-    """The topics of the channels that are asked for, without their instances; None: all."""
+    """Return the topics of the wanted channels, without their instances; None: all."""
     return None if wanted is None else {each.rpartition("/")[0].partition(".")[0] for each in wanted}
 
 
@@ -73,7 +73,8 @@ def _walk_definitions(path: str) -> None:
 
 
 def _declared(formats: dict[bytes, list[bytes]], name: bytes, known: dict[bytes, int]) -> int:
-    """Numbers of one ULog format, whose fields are `TYPE[LENGTH] NAME`; RecursionError if it is in itself."""
+    """Return how many numbers a ULog format has, whose fields are `TYPE[LENGTH] NAME`; RecursionError if it holds
+    itself."""
     if name not in formats:
         return 1
     if name not in known:
@@ -91,8 +92,8 @@ def read_dataflash(path: str, wanted: Wanted) -> Channels:
     from pymavlink import DFReader
 
     class Binary(DFReader.DFReader_binary):
-        """A reader without the index in C, which writes to the terminal; the one in Python writes to `sys.stderr`.  A
-        message of no length would keep both for ever."""
+        """Reader without the index in C, which writes to the terminal; that in Python writes to `sys.stderr`.  A format
+        of no length, which would keep both for ever, is refused."""
 
         formats: dict[int, Any]
 
@@ -123,7 +124,7 @@ def read_dataflash(path: str, wanted: Wanted) -> Channels:
 
 
 class _Formats(dict[int, Any]):
-    """The formats of a DataFlash log by their number; ValueError for one that is shorter than its header."""
+    """Formats of a DataFlash log by number; setting one that is shorter than its header raises ValueError."""
 
     def __setitem__(self, kind: int, form: Any) -> None:
         if form.len < DATAFLASH_HEADER:

@@ -136,14 +136,14 @@ def read_hdf5(path: str, wanted: Wanted) -> Channels:
 
 
 def _is_link(link: Any) -> str:
-    """The reason why a name of a group is not followed; "" if it is the thing itself."""
+    """Return the reason why a name in a group is not followed (it is a link); "" if it is a dataset or group."""
     if hasattr(link, "filename"):
         return f"is a link into another file ({link.filename}), which is not opened"
     return f"is a link to {link.path}; name that" if hasattr(link, "path") else ""
 
 
 def _not_read(dataset: Any, size: int) -> str:
-    """The reason why a dataset of a file of so many bytes is not read; "" if it is."""
+    """Return the reason why a dataset is not read from a file of `size` bytes; "" if it is."""
     if dataset.external or dataset.is_virtual:
         return "keeps its numbers in other files, which are not opened"
     if "MATLAB_object_decode" in dataset.attrs:

@@ -41,7 +41,8 @@ class Channels(dict[str, np.ndarray]):
         self.notes: list[str] = []
 
     def take(self, name: str, values: Any, wanted: Wanted) -> None:
-        """Add an array as channel `name`, or its columns as NAME[k], if `wanted`; else note in `unread` why not."""
+        """Add an array (n,) as channel `name`, of (n, k) the columns as NAME[0], NAME[1], ..., as far as they are
+        `wanted`; note in `unread` why others are left out."""
         array = np.asarray(values)
         if reason := _no_channel(array):
             self.unread[name] = reason
@@ -391,7 +392,8 @@ class _Dates(_Numbers):
 
 
 def _date(cell: str, form: str | None) -> int | None:
-    """Nanoseconds since 1970 of a date; None if it is none."""
+    """Return the nanoseconds since 1970 of a date in the format `form` (None: ISO 8601); None if the cell is no
+    date."""
     try:
         date = datetime.strptime(cell, form) if form else datetime.fromisoformat(cell)
         if date.tzinfo is not None:
@@ -404,7 +406,7 @@ def _date(cell: str, form: str | None) -> int | None:
 
 
 def _reader(cells: Iterable[str], layout: Layout, options: dict[str, Any], name: str) -> _Numbers:
-    """The reader of a column, chosen by its first cells."""
+    """Return the reader of a column (numbers or dates), chosen by its first cells."""
     form = options.get("format")
     if form and name in options.get("stamps", ()):
         return _Dates(form)

@@ -107,7 +107,8 @@ def _error_scale(axis: Any, tolerance: float) -> None:
 
 
 def windows_figure(name: str, results: list[Result], title: str) -> Figure:
-    """Draw estimates of all seeds over the truth, and errors with the tolerance band (paper's figures 3, 4, 6, 8)."""
+    """Draw a6 and k1 of a case's windows with all seeds over the truth, and errors with the tolerance band (the paper's
+    figures 3, 4, 6, 8)."""
     case = CASES[name]
     figure, axes = panels(4, title, 1.7)
     nominal = case_nominal(case)

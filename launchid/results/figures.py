@@ -133,7 +133,7 @@ def _draw_tracked(axis: Any, windows: list[dict[str, Any]], name: str, breaks: l
 
 
 def _draw_changes(axis: Any, changes: list[dict[str, Any]]) -> None:
-    """Sudden changes as lines, with the interval of their time; few of them with their numbers."""
+    """Draw sudden changes as lines with the interval of their time; a few of them with their numbers in the legend."""
     for change in changes:
         half = INTERVAL * change["t_std"]
         label = "sudden change" if len(changes) > WORDED else \
@@ -155,7 +155,7 @@ def _draw_refused(axis: Any, windows: list[dict[str, Any]]) -> None:
 
 
 def _legend(axis: Any, columns: int = 3, axes: list[Any] | None = None) -> None:
-    """Draw a legend above the axes, each label of theirs, or of several axes, once."""
+    """Draw a legend above the axis, with each label of it (or of `axes`) once."""
     entries = {label: handle for each in ([axis] if axes is None else axes)
                for handle, label in zip(*each.get_legend_handles_labels(), strict=True)}
     if entries:

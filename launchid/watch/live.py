@@ -54,7 +54,8 @@ class Live:
 
 
 class Seen(NamedTuple):
-    """What a page has received already: the head, both lists (by identity) and how many of their rows."""
+    """What a page has received already: the head and the lists of points and windows, by identity, and how many of
+    their rows."""
 
     head: dict[str, Any]
     points: list[Row]

@@ -60,7 +60,7 @@ class Server(ThreadingHTTPServer):
     request_queue_size = ARRIVALS
 
     def __init__(self, live: Live, port: int) -> None:
-        """UsageError if the port is taken; 0: any free one."""
+        """Listen on the port (0: any free one) and start serving; UsageError if it is taken."""
         try:
             super().__init__((LOOPBACK, port), Handler)
         except OSError as error:

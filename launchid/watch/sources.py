@@ -101,7 +101,7 @@ class File:
     """A regular file, followed as `tail -F` does: appended rows, and the new file when it was replaced or cut."""
 
     def __init__(self, name: str, path: str, once: bool) -> None:
-        """OSError if it cannot be opened."""
+        """Open the file; OSError if that fails."""
         self.name, self._path, self._once = name, path, once
         self._file = open(path, "rb")
 
