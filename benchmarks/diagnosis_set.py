@@ -235,6 +235,11 @@ def table(cases: list[Case], runs: list[list[Row]]) -> list[str]:
         lines += [line(name, [case for case in shared if getattr(case, title) == name], by_name)
                   for name in dict.fromkeys(getattr(case, title) for case in shared)]
     lines += ["--", line("all", shared, by_name)] if shared else []
+    listed = [case for case in shared if case.group.startswith("listed")]
+    lines += ["-- listed causes at twice a clearly visible size, by rate"] if listed else []
+    for rate in RATES:
+        of_rate = [case for case in listed if case.options.get("rate") == rate]
+        lines += [line(f"{rate:g} Hz", of_rate, by_name)] if of_rate else []
     placebos = [case for case in shared if case.kind == "placebo"]
     if placebos:
         counts = [sum(any(map(is_of_input, rows[case.name]["named"])) for case in placebos) for rows in by_name]

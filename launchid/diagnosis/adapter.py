@@ -78,15 +78,14 @@ def read(log: Log, nominal: Nominal) -> Reading:
     seen = examined(log, nominal)
     log, raw, data = seen.log, seen.raw, seen.data
     told = replace(data, faults=(*seen.mended, *data.faults)) if seen.mended else data
-    if not all(fault.kind in MASKED for fault in data.faults):
+    is_few = data.is_bad and data.usable.sum() < max(FEWEST_ROWS, FEWEST_USABLE * len(log.t))
+    if is_few or not all(fault.kind in MASKED for fault in data.faults):
         return Reading(log, raw, told, None, is_bad=True)
     try:
         r = record(log, nominal, sparser(data, log.t, nominal))
     except InputError:
         if not data.is_bad:
             raise
-        return Reading(log, raw, told, None, is_bad=True)
-    if data.is_bad and data.usable.sum() < max(FEWEST_ROWS, FEWEST_USABLE * len(log.t)):
         return Reading(log, raw, told, None, is_bad=True)
     if r.rows < FEWEST_ROWS:
         return Reading(log, raw, told, None)

@@ -79,7 +79,7 @@ def report(result: Result) -> dict[str, Any]:
         "limits": _limits(result),
         "remainder": {"share": number(result.share), "where": result.remaining_where or result.where,
                       "words": result.remaining[0]} if result.verdict == "dominant" and result.remaining else None,
-        "remaining": list(result.remaining), "gain": _gain(result.gain, m),
+        "remaining": list(result.remaining), "gain": _gain(result.gain),
         "doubts": list(result.doubts), "notes": list(result.notes),
         "nearest": [{"resembles": each.cause, "nats": number(each.nats)} for each in result.nearest],
         "either": [[each.cause, *each.alike] for each in result.named if each.alike],
@@ -124,7 +124,7 @@ def _cause(each: Named, result: Result) -> dict[str, Any]:
             "removed": number(each.share), "steps": []}
 
 
-def _gain(gain: Gain | None, m: Any) -> dict[str, Any] | None:
+def _gain(gain: Gain | None) -> dict[str, Any] | None:
     if gain is None:
         return None
     table = {f"{h:g}": {name: {"before": number(b), "after": number(a)} for name, (b, a) in gain.nrmse(h).items()}

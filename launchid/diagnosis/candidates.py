@@ -50,8 +50,7 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
         own = m.given.get(name, null)
         if name.endswith("delay"):
             low, high = low + own - null, high + own - null
-        null = own
-        out.append(Number(name, null, tol, prior, 1e-3 * prior if step is None else step, low, high, cause, parameter))
+        out.append(Number(name, own, tol, prior, 1e-3 * prior if step is None else step, low, high, cause, parameter))
 
     if np.any(a6 != 0.0):
         add("a6", 1.0, tol, LARGEST_SHIFT, "aero_instability", "scale")
@@ -185,10 +184,6 @@ class Kind:
     def fits(self, m: Model) -> bool:
         return all(getattr(m, each) for each in self.when.split())
 
-    def shape(self, count: int) -> Shape:
-        mark = f"{self.name}#{count}."
-        return Shape(self, tuple(mark + each for each in self.parameters))
-
     def numbers(self, m: Model, shape: Shape, nonlinear: tuple[float, ...]) -> list[Number]:
         """The numbers of a shape that a scan found at these nonlinear values."""
         out = [Number(name, 0.0, 0.0, self.prior(m), 1e-3 * self.prior(m), cause=self.cause, parameter=parameter)
@@ -211,7 +206,7 @@ def _hats(m: Model, count: int) -> np.ndarray:
     return np.clip(1.0 - np.abs(m.tau[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
 
 
-def _tone(m: Model, x: np.ndarray | float, phase: np.ndarray) -> list[Column]:
+def _tone(x: np.ndarray | float, phase: np.ndarray) -> list[Column]:
     """The moment x (n,) [rad/s^2] times sine and cosine of a phase (n,) [rad]."""
     return [Column(x * np.sin(phase)), Column(x * np.cos(phase))]
 
@@ -258,8 +253,7 @@ def _modes(m: Model, span: tuple[float, float]) -> list[tuple[float, ...]]:
 
 
 def _onsets(m: Model) -> list[tuple[float, ...]]:
-    first, last = float(m.t[0]), float(m.t[-2])
-    return [(float(x),) for x in first + (last - first) * np.linspace(0.04, 0.96, ONSET_TIMES)]
+    return [(float(x),) for x in m.t[0] + (m.t[-2] - m.t[0]) * np.linspace(0.04, 0.96, ONSET_TIMES)]
 
 
 def _pulses(m: Model) -> list[tuple[float, ...]]:
@@ -270,9 +264,7 @@ def _pulses(m: Model) -> list[tuple[float, ...]]:
 
 def _windows(m: Model) -> list[tuple[float, ...]]:
     first, last = float(m.t[0]), float(m.t[-2])
-    if last - first < 10.0:
-        return []
-    return [(float(x), d) for d in (0.8, 1.6) for x in np.arange(first, last - d, 0.5 * d)]
+    return [(float(x), d) for d in (0.8, 1.6) for x in np.arange(first, last - d, 0.5 * d) if last - first >= 10.0]
 
 
 def lines_in(m: Model, e: np.ndarray, channel: int, climbs: bool = False) -> list[tuple[float, ...]]:
@@ -312,10 +304,6 @@ def _quantiles(x: np.ndarray, of: Sequence[float] | np.ndarray) -> list[tuple[fl
     return [(float(each),) for each in np.quantile(x, of)]
 
 
-def _acceleration(m: Model) -> float:
-    return m.scales.acceleration
-
-
 ANYWHEN, LASTING = (0.02, -1e9, 1e9), (0.02, 0.2, 20.0)   # step and range of an event's time and duration [s]
 TONE = ("sine", "cosine", "frequency")
 CANDIDATE_KINDS = (
@@ -323,12 +311,12 @@ CANDIDATE_KINDS = (
          lambda m, time: [Column(-m.k1 * m.motion[:, 2] * after(m, time))], "input_moves", _onsets, lambda m: 0.5,
          (ANYWHEN,), effective=True, once=True),
     Kind("moment_step", "moment_step", ("acceleration", "time"), 1, lambda m, time: [Column(after(m, time))],
-         starts=_onsets, prior=_acceleration, bounds=(ANYWHEN,), once=True),
+         starts=_onsets, prior=lambda m: m.scales.acceleration, bounds=(ANYWHEN,), once=True),
     Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, "is_flown is_unstable", _pulses, lambda m: 0.2,
          (ANYWHEN, LASTING), "environment", once=True),
     Kind("periodic_disturbance", "periodic_disturbance", TONE, 2,
-         lambda m, frequency: _tone(m, 1.0, frequency * m.middle), "is_flown", lambda m: [], _acceleration,
-         ((2e-4, 0.05, 300.0),), "environment"),
+         lambda m, frequency: _tone(1.0, frequency * m.middle), "is_flown", lambda m: [],
+         lambda m: m.scales.acceleration, ((2e-4, 0.05, 300.0),), "environment"),
     Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh, "has_theta is_flown",
          lambda m: _modes(m, SLOSH), bounds=((2e-3, 0.2, 25.0), (1e-3, *DAMPING_RANGE))),
     Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1,
@@ -369,18 +357,18 @@ CANDIDATE_KINDS = (
     Kind("gyro_warming", "", ("size",), 1, lambda m: _shift(m, 1, m.motion[:, 1] * m.tau), "has_both", place="sensor"),
     Kind("pickup_drift", "", ("size",), 1, lambda m: _shift(m, 2, m.tau), "has_beta has_commands",
          prior=lambda m: m.scales.beta, place="sensor"),
-    Kind("aero_flutter", "", TONE, 2, lambda m, frequency: _tone(m, m.a6 * m.motion[:, 0], frequency * m.middle),
+    Kind("aero_flutter", "", TONE, 2, lambda m, frequency: _tone(m.a6 * m.motion[:, 0], frequency * m.middle),
          "is_unstable", _lines_below, bounds=((1e-3, 0.1, 30.0),)),
-    Kind("thrust_flutter", "", TONE, 2, lambda m, frequency: _tone(m, m.k1 * m.motion[:, 2], frequency * m.middle),
+    Kind("thrust_flutter", "", TONE, 2, lambda m, frequency: _tone(m.k1 * m.motion[:, 2], frequency * m.middle),
          "input_moves", _lines_below, bounds=((1e-3, 0.1, 30.0),)),
     Kind("chirp", "", (*TONE, "climb"), 2,
-         lambda m, frequency, climb: _tone(m, 1.0, frequency * m.middle + 0.5 * climb * m.middle**2), "is_long",
-         lambda m: [], _acceleration, ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), "environment"),
+         lambda m, frequency, climb: _tone(1.0, frequency * m.middle + 0.5 * climb * m.middle**2), "is_long",
+         lambda m: [], lambda m: m.scales.acceleration, ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), "environment"),
     Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, lambda m, frequency: [
-             column for hat in _hats(m, 8).T for column in _tone(m, hat, frequency * m.middle)], "is_long",
-         lambda m: [], _acceleration, ((1e-3, 0.05, 300.0),), "environment"),
+             column for hat in _hats(m, 8).T for column in _tone(hat, frequency * m.middle)], "is_long",
+         lambda m: [], lambda m: m.scales.acceleration, ((1e-3, 0.05, 300.0),), "environment"),
     Kind("a6_drift", "", ("size",), 1, lambda m: [Column(m.a6 * m.motion[:, 0] * m.tau)], "is_unstable"),
     Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, lambda m: [Column(x) for x in _hats(m, 10)[:, 1:].T],
-         prior=_acceleration, place="environment"),
+         prior=lambda m: m.scales.acceleration, place="environment"),
 )
 LINES = ("periodic_disturbance", "beat", "chirp")   # whose frequencies the periodogram proposes

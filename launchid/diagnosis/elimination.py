@@ -134,11 +134,9 @@ class Search:
         band = fit.band | {j for g in groups if g.has_band for j in g.numbers}
         for j in band:
             q[j] = self.nearest(j, q[j])
-        for j in gone:
-            q[j] = m.null[j]
-        r = fit.p.copy()
-        for j in (*band, *gone):
-            r[j] = q[j]
+        q[list(gone)] = m.null[list(gone)]
+        r, back = fit.p.copy(), [*band, *gone]
+        r[back] = q[back]
         q = np.clip(q, m.low, m.high)
         kept = [i for i, j in enumerate(fit.free) if j not in gone]
         free = tuple(fit.free[i] for i in kept)

@@ -99,7 +99,7 @@ def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset
         A = gram(J) + np.diag(w)
         b = -along(J, e) - w * (p - m.null)[F]
         s = 1.0 / np.sqrt(np.diag(A))
-        A, moved, done = A * np.outer(s, s), False, True
+        A = A * np.outer(s, s)
         for damping in (0.0, 0.1, 1.0, 10.0):
             inside = np.ones(len(F), bool)
             d = np.zeros(len(F))
@@ -116,15 +116,14 @@ def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset
             eq = m.white(q)
             value = objective(m, eq, q)
             if value < best:
-                done, moved = best - value < CONVERGED, True
+                done = best - value < CONVERGED   # the slopes are then those of a point next to it
                 rounds -= value > 0.5 * best
                 p, e, best = q, eq, value
                 break
-        if not moved:
-            e = m.white(p)     # the filter is where p is
-            break
+        else:
+            e, done = m.white(p), True            # the filter is where p is
         if done:
-            break              # the slopes are those of a point next to it
+            break
         J = slopes(m, p, free)
     return Fit(p, e, J, tuple(free), band)
 
@@ -133,6 +132,12 @@ def at_bound(m: Model, fit: Fit) -> list[int]:
     """Columns of J whose numbers stand at a bound: they are not estimated."""
     low, high = limits(m, fit.band)
     return [i for i, j in enumerate(fit.free) if fit.p[j] <= low[j] + 1e-9 or fit.p[j] >= high[j] - 1e-9]
+
+
+def likelihood(m: Model, e: np.ndarray) -> float:
+    """[nats] of the whitened innovations e (r,) of the last filter, the levels' prior with it."""
+    d = (m.levels - m.levels0)[m.moves] / m.spread[m.moves]
+    return -0.5 * (square(e) + m.log_variance + square(d))
 
 
 def level_information(m: Model, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -154,25 +159,20 @@ def level_information(m: Model, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def fit_levels(m: Model, p: np.ndarray, rounds: int = 3) -> None:
     """Noise levels by Fisher scoring of the innovations' likelihood."""
-    def cost() -> float:
-        d = (m.levels - m.levels0)[m.moves] / m.spread[m.moves]
-        return square(m.white(p)) + m.log_variance + square(d)
-
-    best = cost()
+    best = likelihood(m, m.white(p))
     for _ in range(rounds):
         g, A = level_information(m, p)
         old = m.levels.copy()
         for shorter in (1.0, 0.3, 0.1):
             d = np.clip(-shorter * np.linalg.solve(A, g), -LEVEL_STEP, LEVEL_STEP)
             m.levels[m.moves] = np.minimum(old[m.moves] + d, (m.levels0 + m.cap)[m.moves])
-            if (value := cost()) < best:
-                gain, best = best - value, value
+            if (value := likelihood(m, m.white(p))) > best:
+                gain, best = value - best, value
                 break
         else:
-            m.levels = old
+            m.levels, gain = old, 0.0
             m.white(p)
-            return
-        if gain < 0.5:
+        if gain < 0.25:
             return
 
 

@@ -15,8 +15,7 @@ MOMENT_TIME = 20.0     # s, the time of that moment: slow beside the vehicle, se
 WIND_LEVEL = 0.005     # rad, rad/sqrt(s): of weather that nobody declared, where its fit begins
 THIRD_DIFFERENCES = 20.0  # variance of third differences of white noise
 WEATHER = {"turbulence": ekf.QG, "wind_walk": ekf.QM}   # causes that are a level
-# folds of the score, times that they go round, stretches for standard errors
-MODEL_FOLDS, FOLD_PASSES, SCORE_BLOCKS = 6, 3, 24
+MODEL_FOLDS, FOLD_PASSES, SCORE_BLOCKS = 6, 3, 24   # of the score, times they go round, stretches for its error
 CURVES = {"sin(theta)": ekf.SIN, "cos(theta)": ekf.COS, "theta^2": ekf.SQUARE, "theta^3": ekf.CUBE,
           "sign(theta_dot)": ekf.SIGN, "theta*theta_dot": ekf.CROSS, "beta^2": ekf.K2}
 LINEAR_TERMS = ("1", "theta", "theta_dot", "beta")
@@ -88,7 +87,7 @@ class Model:
         self.servo = track.record.actuator
         self.known = believed(track, self.servo)
         self.a6, self.k1, self.terms, self.given = self.known.a6, self.known.k1, self.known.terms, self.known.numbers
-        self.is_commanded = track.record.command_is_known
+        self.is_commanded = track.record.input != "beta"   # of the measured nozzle nothing is told of the servo
         self.has = {name: bool(np.isfinite(self.z[:, k]).any())
                     for k, name in enumerate(("theta", "theta_dot", "beta"))}
         self.has_theta, self.has_beta = self.has["theta"], self.has["beta"]
@@ -227,24 +226,20 @@ class Model:
         """Return the servo's input (n, sub) [rad]: commands after delay, lag, washout, play, rate limit and gain."""
         key = (get("delay"), max(get("lag"), 0.0), max(get("washout"), 0.0), get("play"), get("rate_limit"))
         if key not in self.inputs:
-            delay = (self.servo.delay if self.is_commanded else 0.0) + key[0]
-            ticks, edges = self.track.ticks, self.track.edges - delay
+            delay, lag, washout, play, limit = key
+            ticks, edges = self.track.ticks, self.track.edges - (self.servo.delay * self.is_commanded + delay)
             commands, integral = self.track.commands, self.integral
-            if key[3] > 0.0:
-                noise = self.servo.command_noise_std if self.is_commanded else 0.0
+            if play > 0.0:
                 commands = np.empty(len(commands))
-                ekf.played(self.track.commands, key[3], noise, commands)
+                ekf.played(self.track.commands, play, self.servo.command_noise_std * self.is_commanded, commands)
                 integral = np.append(0.0, np.cumsum(commands * np.diff(ticks)))
             total = np.interp(edges, ticks, integral)
             total = np.where(edges < ticks[0], (edges - ticks[0]) * commands[0], total)
-            beyond = integral[-1] + (edges - ticks[-1]) * commands[-1]
-            total = np.where(edges > ticks[-1], beyond, total)
-            u = np.diff(total) / self.widths
-            if key[1] > 0.0 or key[2] > 0.0 or key[4] > 0.0:
-                out = np.empty(len(u))
-                limit = 1.0 / key[4] if key[4] > 0.0 else 0.0
-                ekf.nozzle_input(u, self.widths, c, key[1], key[2], limit, out)
-                u = out
+            total = np.where(edges > ticks[-1], integral[-1] + (edges - ticks[-1]) * commands[-1], total)
+            u = sent = np.diff(total) / self.widths
+            if lag > 0.0 or washout > 0.0 or limit > 0.0:
+                u = np.empty(len(u))
+                ekf.nozzle_input(sent, self.widths, c, lag, washout, 1.0 / limit if limit > 0.0 else 0.0, u)
             if len(self.inputs) > 24:
                 self.inputs.pop(next(iter(self.inputs)))
             self.inputs[key] = u.reshape(self.n, self.track.sub)
@@ -281,25 +276,18 @@ class Model:
             get("term 1", self.terms.get("1", 0.0)) + get("a6", 1.0) * self.air
         rows[:, 4] = self.a6 if self.is_windy else 1.0
         rows[:, 5] = self.a6
-        z = self.z - self.shift
-        shift = command = None
+        z, u = self.z - self.shift, self.input_of(get, c)
         for shape in self.shapes:
             values = tuple(float(p[at[name]]) for name in shape.names)
             if not any(values[:shape.kind.linear]):
                 continue
             rows[:, 3] *= shape.effectiveness(self, values)
             force, sent, moved = shape.effect(self, values)
-            if force is not None:
-                f = f + force
-            if sent is not None:
-                command = sent if command is None else command + sent
-            if moved is not None:
-                shift = moved if shift is None else shift + moved
+            f = f if force is None else f + force
+            u = u if sent is None else u + sent
+            z = z if moved is None else z - moved
         rows[:, 0] = f
-        if shift is not None:
-            z = z - shift
-        u = self.input_of(get, c)
-        return z, u if command is None else u + command, rows, c
+        return z, u, rows, c
 
     def P0(self) -> np.ndarray:
         s, lv = self.scales, np.exp(self.levels)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..sums import along, combined
-from .candidates import CANDIDATE_KINDS, LINES, Kind, lines_in
+from .candidates import CANDIDATE_KINDS, LINES, Kind, Shape, lines_in
 from .estimate import Fit, gram, inverse
 from .model import Model
 
@@ -41,17 +41,11 @@ class Scanner:
         self.twice = C @ (gram(fit.J) @ C) - 2.0 * C
         self.e = e - combined(fit.J, C @ along(fit.J, e))
 
-    def columns(self, kind: Kind, values: tuple[float, ...]) -> np.ndarray:
-        """The responses (columns, r) of unit amplitudes."""
-        m = self.m
-        none, still = np.zeros(m.n), np.zeros((m.n, 3))
-        return np.array([m.respond(none if force is None else force, none if command is None else command.mean(axis=1),
-                                   still if shift is None else shift)
-                         for force, command, shift in kind.make(m, *values)])
-
     def tried(self, kind: Kind, values: tuple[float, ...]) -> Found:
-        """What a kind saves at these nonlinear values."""
-        Y = self.columns(kind, values)
+        """What a kind saves at these nonlinear values: of the responses Y (columns, r) of unit amplitudes."""
+        m, none, still = self.m, np.zeros(self.m.n), np.zeros((self.m.n, 3))
+        Y = np.array([m.respond(none if force is None else force, none if command is None else command.mean(axis=1),
+                                still if shift is None else shift) for force, command, shift in kind.make(m, *values)])
         V = np.einsum("kn,cn->ck", self.J, Y)
         size = np.einsum("cn,dn->cd", Y, Y)
         G, b = size + V @ self.twice @ V.T, -np.einsum("cn,n->c", Y, self.e)
@@ -97,9 +91,7 @@ def scan(m: Model, fit: Fit) -> list[Found]:
 
 def with_shape(m: Model, p: np.ndarray, found: Found) -> np.ndarray:
     """Take a found shape into the model's table; -> the numbers with its own at what was found."""
-    count = sum(shape.kind is found.kind for shape in m.shapes)
-    shape = found.kind.shape(count)
-    new = found.kind.numbers(m, shape, found.values)
-    m.with_numbers([*m.numbers, *new], [*m.shapes, shape])
+    mark = f"{found.kind.name}#{sum(shape.kind is found.kind for shape in m.shapes)}."
+    shape = Shape(found.kind, tuple(mark + each for each in found.kind.parameters))
+    m.with_numbers([*m.numbers, *found.kind.numbers(m, shape, found.values)], [*m.shapes, shape])
     return np.concatenate([p, found.sizes, found.values])
-

@@ -36,13 +36,10 @@ def folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
     out, fits = e.copy(), []
     w = m.prior[F]**-2.0
     A = gram(J) + np.diag(w)
-    lowest, highest = limits(m, fit.band)
-    low, high, g0 = lowest[F], highest[F], along(J, e)
+    (low, high), g0 = (x[F] for x in limits(m, fit.band)), along(J, e)
     for f in range(MODEL_FOLDS):
         mine = m.fold == f
         fits.append(p)
-        if not mine.any():
-            continue
         Jf = J[mine]
         Af = A - gram(Jf)
         s = 1.0 / np.sqrt(np.diag(Af) + 1e-300)

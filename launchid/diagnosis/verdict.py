@@ -19,7 +19,7 @@ from .adapter import FEWEST_ROWS, Reading, read
 from .candidates import CANDIDATE_KINDS, TOLERANCE_SIGMAS, usual
 from .controller.check import ControllerCheck
 from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, MOST, NAME_SHARE, Elimination, Kept, Search
-from .estimate import Fit, fit_levels, gauss_newton, gram, level_deviation
+from .estimate import Fit, fit_levels, gauss_newton, gram, level_deviation, likelihood
 from .gain import Gain, held_out
 from .model import KINEMATIC, SCORE_BLOCKS, WEATHER, Model, Stopped
 from .scan import RIVAL_SHARE, SQUARES_PROMISED, Found, scan, with_shape
@@ -37,10 +37,8 @@ WHITE_SQUARES = 1.35   # mean square of whitened errors that a model at its nois
 UNKNOWN_LEFT = 0.75    # of the removable error ahead: with more left beside something unknown no cause is named
 BETWEEN_THEM = 2.0     # of what everything saves, that names may save last in: more is numbers that undo one another
 AHEAD, LEVEL = 0.85, 2.0     # of a stranger's log: share of the error ahead, noise level
-# parts of the log by which the input is turned; times that its own must win
-TURNING_SHARES, PLACEBO = (0.2, 0.45, 0.7), 2.0
-INPUT_NUMBERS = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2",
-                 # numbers and shapes of the input
+TURNING_SHARES, PLACEBO = (0.2, 0.45, 0.7), 2.0   # of the log, turns of the input; times that its own must win
+INPUT_NUMBERS = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2",   # of the input
                  "control_loss", "bending", "actuator_backlash", "actuator_rate_limit")
 
 
@@ -68,7 +66,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """A cause with its parameters {name: (value, std, unit)}, what the log cannot tell it from, what it saves."""
+    """A cause with its parameters {name: (value, std)}, what the log cannot tell it from, what it saves."""
 
     cause: str
     where: str
@@ -196,7 +194,7 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
 
 def everything(m: Model) -> np.ndarray:
     """The numbers with every usual one and what the scan found free; noise levels there."""
-    start = limited(m) if m.is_commanded and m.is_flown else best_delay(m, m.null)
+    start = limited(m) if m.is_commanded and m.is_flown else best_delay(m)
     fit = gauss_newton(m, start, tuple(range(len(m.numbers))), frozenset(), 3)
     fit_levels(m, fit.p)
     fit = gauss_newton(m, fit.p, fit.free, frozenset(), 3)
@@ -248,12 +246,6 @@ def limited(m: Model) -> np.ndarray:
     return with_shape(m, m.null, best) if best is not None else p
 
 
-def likelihood(m: Model, e: np.ndarray) -> float:
-    """[nats] of the whitened innovations e (r,) of the last filter, the levels' prior with it."""
-    d = (m.levels - m.levels0)[m.moves] / m.spread[m.moves]
-    return -0.5 * (square(e) + m.log_variance + square(d))
-
-
 def weather(m: Model, fit: Fit) -> str:
     """The weather that explains more than everything else does, with the nominal's numbers within their tolerances; the
     model is left in it.  "": none does.
@@ -285,16 +277,16 @@ def weather(m: Model, fit: Fit) -> str:
     return best[0]
 
 
-def best_delay(m: Model, p: np.ndarray) -> np.ndarray:
-    """p with the delay at the best of a few, from which the fit finds its own."""
+def best_delay(m: Model) -> np.ndarray:
+    """The numbers to start from: with the delay at the best of a few, from which the fit finds its own."""
     if "delay" not in m.names or m.is_flown:
-        return p
+        return m.null
     row = float(np.median(m.dt))
     free = tuple(j for j, each in enumerate(m.numbers) if each.name not in ("delay", "lag", "washout", "bandwidth",
                                                                            "gyro_delay", "attitude_delay"))
-    least, best = math.inf, p
+    least, best = math.inf, m.null
     for delay in (0.0, *np.geomspace(max(0.01, 0.5 * row), max(0.15, 3.0 * row), 5)):
-        q = p.copy()
+        q = m.null.copy()
         q[m.index("delay")] = delay
         fit = gauss_newton(m, q, free, frozenset(), 2)
         value = square(fit.e) * (1.0 if delay else FAR_LESS)
@@ -339,22 +331,21 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
 
     if not (names or against or el.kept):
         return result("consistent", None)
-    odd = sum(k.gain for k in unlisted) > (1.0 - UNKNOWN_LEFT) * sum(k.gain for k in listed)
+    is_odd = sum(k.gain for k in unlisted) > (1.0 - UNKNOWN_LEFT) * sum(k.gain for k in listed)
     short = 2.0 * nats < MOST * el.removable
     noises = sum("noise of" in each for each in inadequate)
     loud = m.is_flown and (noises > 1 or (noises == 1 and gain.share > NAME_SHARE))
-    place_of_misfit = where or misfit or (names[0].where if names else None) or "plant"
-    poor = bool(listed) and bool(against) and (gain.share > (UNKNOWN_LEFT if m.is_flown else 1.0 - UNKNOWN_LEFT)
-                                               or short or loud)
-    if is_foreign or not names or (odd and unlisted) or poor:
-        return result("unexplained", place_of_misfit, nearest=tuple(names), doubts=tuple(against))
-    if not against:
+    is_poor = bool(listed) and bool(against) and (gain.share > (UNKNOWN_LEFT if m.is_flown else 1.0 - UNKNOWN_LEFT)
+                                                  or short or loud)
+    is_known = bool(names) and not (is_foreign or is_odd or is_poor)
+    if is_known and not against:
         return result("explained", names[0].where, named=tuple(names))
     sure = tuple(each for each in names if each.where == "controller" or each.share > MOST)
-    if not sure or sum(k.share for k in el.kept) > BETWEEN_THEM:
-        return result("unexplained", place_of_misfit, nearest=tuple(names), doubts=tuple(against))
-    return result("dominant", sure[0].where, named=sure, remaining=tuple(against), share=gain.share,
-                  remaining_where=where or misfit)
+    if is_known and sure and sum(k.share for k in el.kept) <= BETWEEN_THEM:
+        return result("dominant", sure[0].where, named=sure, remaining=tuple(against), share=gain.share,
+                      remaining_where=where or misfit)
+    return result("unexplained", where or misfit or (names[0].where if names else "plant"), nearest=tuple(names),
+                  doubts=tuple(against))
 
 
 def other_shape(m: Model, el: Elimination, k: Kept) -> str:
@@ -454,8 +445,9 @@ def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | N
     """Why a number that is kept is no cause; "": it may be one.
 
     A scale of the other sign is a convention of the log or of the nominal; at the end of its range nothing is
-    estimated; commands between rows that a found controller made tell nothing of the servo; and what another cause
-    leaves by not being the same along the log is that cause's.
+    estimated; commands between rows that a found controller made tell nothing of the servo; the acceleration of a
+    nozzle that no row measures is as wrong as a stranger's servo; and what another cause leaves by not being the same
+    along the log is that cause's.
     """
     j, name = k.group.numbers[0], k.group.kind
     number, value = m.numbers[j], el.final.p[j]
@@ -465,6 +457,8 @@ def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | N
         return f"{name} would be {value:.3g}, the end of its range, or beyond: something else is wrong"
     if controller is not None and controller.is_named and m.unsure > 0.0 and k.group.place == "actuator":
         return f"{name}: the commands between the rows are another controller's, and tell nothing of the servo"
+    if name == "inertia" and m.is_commanded and not (m.is_flown or m.has_beta):
+        return f"{name}: no row measures the nozzle, whose servo may be of another form"
     largest = max(el.kept, key=lambda each: each.gain)
     if is_rest(m, el, k, largest):
         return f"{name} may be what {largest.group.kind} leaves by not being the same along the log"
@@ -502,9 +496,9 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
         part = number.tol / TOLERANCE_SIGMAS * (abs(value) if is_scale else 1.0)
         values[number.parameter] = (extra, None if std is None else math.hypot(std, part))
     if cause == "missing_term":
-        number = m.numbers[k.group.numbers[0]]
-        value = float(el.final.p[k.group.numbers[0]]) - number.null
-        values = {"term": (number.parameter, None), "coefficient": (value, k.std.get(k.group.numbers[0]))}
+        j, number = k.group.numbers[0], m.numbers[k.group.numbers[0]]
+        coefficient = (float(el.final.p[j]) - number.null, k.std.get(j))
+        values = {"term": (number.parameter, None), "coefficient": coefficient}
     if cause == "periodic_disturbance":
         s, c = (float(el.final.p[j]) for j in k.group.numbers[:2])
         w = float(el.final.p[k.group.numbers[2]])

@@ -18,18 +18,7 @@ from ...controller_replay import LAW_PERIOD, constants_of, issued
 from ...log.detect import DataCheck
 from ...log.log import Log
 from ..data.record import Z_BETA, Z_THETA, Record, no_servo, on_grid
-from .ticks import (
-    SLOWER,
-    Ticks,
-    between,
-    carried,
-    command_noise,
-    falls_between,
-    issued_at,
-    lined,
-    over_grid,
-    ticks_of,
-)
+from .ticks import SLOWER, Ticks, between, carried, command_noise, falls_between, issued_at, lined, over_grid, ticks_of
 
 LONGEST_HELD = 10  # rows of one command: over more nobody commands
 UNSURE = 0.03    # nats a row that a command may feign which no row saw (`measure`)
@@ -138,10 +127,13 @@ def unsure(unseen: float) -> float:
 def _answered(draft: Record) -> Record:
     """The record of a log without commands: those that the controller makes of the measured attitude; what it makes of
     noise that no row saw is not among them."""
-    none = np.full(draft.rows, math.nan)
-    own = ticks_of(draft, none)
-    if own is None:
-        return replace(draft, commands=_recomputed(draft), input="controller")
+    own = ticks_of(draft, np.full(draft.rows, math.nan))
+    if own is None:   # of a log as fast as the controller that of every row, linear over rows without an attitude
+        error, held, phase = lined(draft.z[:, Z_THETA]) - lined(draft.reference), draft.held, draft.held_phase
+        first = (draft.first_step + phase * draft.every) // (draft.tick * held)
+        commands = np.repeat(_answer(draft, error[phase::held], first), held)
+        commands = np.concatenate([np.full(phase, commands[0]), commands])[:draft.rows]
+        return replace(draft, commands=commands, input="controller")
     commands = recomputed_at(own, draft)
     draft = in_doubt(between(draft, own), command_noise(draft), len(commands) / draft.rows - (draft.fine == 1))
     return replace(draft, commands=over_grid(own, draft, commands), input="controller")
@@ -183,20 +175,12 @@ def _is_held(changed: np.ndarray) -> bool:
 # ---- recomputed
 
 
-def _recomputed(r: Record) -> np.ndarray:
-    """The nominal controller's command [rad] of every row of a log as fast as it from the measured attitude and the
-    reference, linear over rows without one."""
-    error = lined(r.z[:, Z_THETA]) - lined(r.reference)
-    first = (r.first_step + r.held_phase * r.every) // (r.tick * r.held)
-    commands = np.repeat(_answer(r, error[r.held_phase::r.held], first), r.held)
-    return np.concatenate([np.full(r.held_phase, commands[0]), commands])[:r.rows]
-
-
 def recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
-    """The same (ticks,) [rad] of a log that did not see every tick, between rows of the attitude that lines carry."""
+    """The nominal controller's commands (ticks,) [rad], from measured attitude and reference, of a log that did not see
+    every tick: between rows to the attitude that lines carry."""
     count = len(issued_at(ticks, r, np.full(r.rows, math.nan)))
     at, seen = ticks.phase + ticks.period * np.arange(count), np.isfinite(r.z[:, Z_THETA])
-    theta = np.interp(at, r.at, carried(r.z[:, Z_THETA]).line)
+    theta = np.interp(at, r.at, carried(r.z[:, Z_THETA])[0])
     rows, index = np.isin(r.at, at) & seen, np.isin(at, r.at[seen])
     theta[index] = r.z[rows, Z_THETA]
     return _answer(r, theta - np.interp(at, r.at, lined(r.reference)),

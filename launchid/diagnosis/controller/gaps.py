@@ -215,10 +215,6 @@ class Gaps:
         colour = float(np.mean(rest[1:] * rest[:-1])) / max(rms(rest), 1e-12)**2
         return rms(rest) <= small and abs(colour) <= max(COLOURED, CHANCE_CORRELATION / math.sqrt(len(rest)))
 
-    def has_integral(self, tau: float) -> bool:
-        """Whether an integral of the error explains clearly more than the best gains with this filter [s]."""
-        return self.left(tau, (0, 1, INTEGRAL)).over(self.left(tau, (0, 1))) > MISMATCH_NATS
-
     def check(self) -> ControllerCheck:
         """The check of gains, filter and computing time that explain these gaps best."""
         believed, best = self.left(self.own.tau, ()), _explained(self)
@@ -274,10 +270,9 @@ def _explained(gaps: Gaps) -> Left:
     for free in GAINS:
         other = gaps.left(gaps.own.tau, free)
         best = other if other.over(best) > 0.0 else best
-    if gaps.own.tau > 0.0:
-        for free, least in (((), -FREE_NUMBER), *((free, MISMATCH_NATS) for free in GAINS)):
-            other = gaps.filtered(free)
-            needed = least if other.numbers > best.numbers else 0.0
-            if other.over(best) > needed and abs(other.tau / gaps.own.tau - 1.0) > SAME_PREDICTED:
-                best = other
+    for free, least in (((), -FREE_NUMBER), *((free, MISMATCH_NATS) for free in GAINS)):
+        other = gaps.filtered(free)
+        needed = least if other.numbers > best.numbers else 0.0
+        if other.over(best) > needed and abs(other.tau / gaps.own.tau - 1.0) > SAME_PREDICTED:
+            best = other
     return best

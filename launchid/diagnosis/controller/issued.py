@@ -17,7 +17,7 @@ from sim.effects import CATALOGUE
 from ..data.record import Z_BETA, Record
 from .check import NO_MISMATCH, UNKNOWN_LAW, ControllerCheck, check_controller
 from .command import unsure
-from .gaps import MISMATCH_NATS, Gaps, Seen, check_gaps, filled, follows, on_board
+from .gaps import INTEGRAL, MISMATCH_NATS, Gaps, Seen, check_gaps, filled, follows, on_board
 
 FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
 
@@ -35,6 +35,7 @@ def with_commands(record: Record, follow: Callable[[Record], Seen | None]) -> tu
             not follows(on_board(record), record.every // record.tick):
         return record, None
     made, checked, own = record, None, on_board(record)
+    is_told = any(CATALOGUE[each.name].where == "controller" for each in record.nominal.effects)   # by another log
     for _ in range(FILLINGS):
         seen = follow(made)
         if seen is None:
@@ -53,12 +54,12 @@ def with_commands(record: Record, follow: Callable[[Record], Seen | None]) -> tu
             gaps = Gaps(record, seen)
             is_believed = gaps.is_noise(gaps.left(own.tau, ()).rest)
             return believed, replace(checked, kind=NO_MISMATCH if is_believed else UNKNOWN_LAW)
-        late = round(checked.delay / own.period) // (record.every // record.tick)
-        if Gaps(record, seen, late).has_integral(checked.time_constant or own.tau):   # a law that the nominal has not
+        gaps = Gaps(record, seen, round(checked.delay / own.period) // (record.every // record.tick))
+        both, with_integral = (gaps.left(checked.time_constant or own.tau, free) for free in ((0, 1), (0, 1, INTEGRAL)))
+        if with_integral.over(both) > MISMATCH_NATS:   # a law that the nominal has not
             return record, replace(checked, kind=UNKNOWN_LAW)
-    is_told = checked is not None and checked.kind != NO_MISMATCH
-    was_told = any(CATALOGUE[each.name].where == "controller" for each in record.nominal.effects)   # by some log
-    if is_told or was_told:
+        is_told = True
+    if is_told:
         made = replace(made, unsure=unsure(record.every / record.tick - 1.0))
     return made, checked
 

@@ -152,18 +152,13 @@ def lined(commands: np.ndarray) -> np.ndarray:
     return np.interp(index, index[known], commands[known])
 
 
-class Carried(NamedTuple):
-    """The part line (n,) of rows' values that lines carry to what lies between rows; by how much (n,) such lines are
-    off the rows, 0 where there is none; rows (n,) bool where the values jump, in which off is no noise."""
+def carried(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(The part of values x (n,) of rows, NaN: not logged, that lines carry to what lies between rows; by how much such
+    lines are off the rows, 0 where there is none; rows (n,) bool where the values jump, in which that is no noise).
 
-    line: np.ndarray
-    off: np.ndarray
-    jumps: np.ndarray
-
-
-def carried(x: np.ndarray) -> Carried:
-    """The part of values x (n,) of rows, NaN: not logged, that is a mean over neighbours, with the weights with which
-    those at twice the distance give the rows themselves where nothing jumps: noise of a row alone is in no other's."""
+    It is a mean over neighbours, with the weights with which those at twice the distance give the rows themselves where
+    nothing jumps: noise of a row alone is in no other's.
+    """
     known, rows = np.isfinite(x), np.arange(len(x))
     whole = lined(x)
 
@@ -181,4 +176,4 @@ def carried(x: np.ndarray) -> Carried:
     weights = least_squares(twice[steady], x[steady])
     rest, jumps = off(weights)
     line = combined(np.column_stack([of(j) for j in range(LINE_ROWS + 1)]), weights)
-    return Carried(np.where(jumps, whole, line), rest, jumps)
+    return np.where(jumps, whole, line), rest, jumps

@@ -100,11 +100,6 @@ class Record:
         """The grid's clock [s] between first and last row, about which a slope turns."""
         return (self.first_step + 0.5 * self.every * (self.rows - 1)) * self.step
 
-    @property
-    def command_is_known(self) -> bool:
-        """False when the measured nozzle angle stands in for it: nothing about the actuator can be told then."""
-        return self.input != "beta"
-
 
 def no_servo(period: float) -> Actuator:
     """The servo that stands for none where rows are a period [s] apart."""
@@ -143,7 +138,15 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     if n > GRID_ROWS:
         raise InputError(f"{log.path}: column t: {t[0]:g} to {t[-1]:g} s at {period:g} s are {n} rows; "
                          f"expected at most {GRID_ROWS}")
-    step, every, tick, fine = _steps(period, nominal, between or float(np.sqrt(np.mean(off**2))) > JITTER)
+    own = nominal.controller
+    tick_period = own.period if own is not None else period
+    is_off_tick = abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
+        abs(period / tick_period - round(period / tick_period)) > 1e-6
+    if between or is_off_tick or float(np.sqrt(np.mean(off**2))) > JITTER:
+        step, every, tick, fine = period / JITTER_STEPS, JITTER_STEPS, JITTER_STEPS // JITTER_TICKS, JITTER_TICKS
+    else:
+        step = min(period, tick_period)
+        every, tick, fine = round(period / step), round(tick_period / step), 1
 
     def column(name: str) -> np.ndarray:
         values = np.where(data.masks[name], getattr(log, name), math.nan)[usable] if name in data.masks else \
@@ -154,11 +157,12 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
 
     z = np.column_stack([column(name) for name in CHANNELS])
     reference, command = column("theta_ref"), column("beta_cmd")
-    own = nominal.controller
     first_step = round(t[0] / step) if 0.0 <= t[0] <= LATEST_FLIGHT else 0
     shift = round(float(t[0]) - first_step * step, CLOCK_DIGITS)
     law = own if own is not None and (own.filters or own.is_rate_law) else None   # whose command is not recomputed
-    nominal = _shifted(nominal if law is None else replace(nominal, controller=None), shift)
+    moved = [effect(of.name, **{name: value - shift if name in CLOCKED and not isinstance(value, str) else value
+                                for name, value in values(of).items()}) for of in nominal.effects]
+    nominal = replace(nominal, effects=tuple(moved), controller=own if law is None else None)
     actuator = no_servo(period) if nominal.actuator is None else as_seen(nominal.actuator, period)
     at = every * np.arange(n, dtype=np.int64)
     if fine > 1:
@@ -167,26 +171,6 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     draft = Record(nominal, actuator, z, np.zeros(0), "", reference, first_step, step, every, tick, shift, at,
                    fine=fine, path=path[:, np.isfinite(path[1])], law=law, rate_reference=column("rate_ref"))
     return draft, command
-
-
-def _steps(period: float, nominal: Nominal, jittered: bool) -> tuple[float, int, int, int]:
-    """(step [s], steps a row, steps a tick, ticks that stand for one command) of a log's period [s]."""
-    tick_period = nominal.controller.period if nominal.controller is not None else period
-    off_tick = abs(tick_period / period - round(tick_period / period)) > 1e-6 and \
-        abs(period / tick_period - round(period / tick_period)) > 1e-6
-    if jittered or off_tick:
-        return period / JITTER_STEPS, JITTER_STEPS, JITTER_STEPS // JITTER_TICKS, JITTER_TICKS
-    step = min(period, tick_period)
-    return step, round(period / step), round(tick_period / step), 1
-
-
-def _shifted(nominal: Nominal, shift: float) -> Nominal:
-    """The nominal with the times of its effects on the grid's clock."""
-    if shift == 0.0 or not nominal.effects:
-        return nominal
-    moved = [effect(of.name, **{name: value - shift if name in CLOCKED and not isinstance(value, str) else value
-                                for name, value in values(of).items()}) for of in nominal.effects]
-    return replace(nominal, effects=tuple(moved))
 
 
 def _period(t: np.ndarray, nominal: Nominal) -> float:

@@ -50,14 +50,10 @@ def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal) -> DataCheck:
     return replace(data, usable=kept)
 
 
-def slowest(nominal: Nominal, a6: np.ndarray) -> float:
-    """Longest time [s] between rows that are kept, of a nominal with a6 (n,) [1/s^2] along the log."""
-    stiffness = float(np.max(np.abs(a6))) + sum(abs(of) for term, of in nominal.terms if term == SWING_TERM)
-    return min(LONGEST_PERIOD, MOTION_STEP / math.sqrt(stiffness)) if stiffness > 0.0 else LONGEST_PERIOD
-
-
 def _every(rows: int, period: float, nominal: Nominal, t: np.ndarray) -> int:
-    longest = slowest(nominal, nominal.vehicle.at(t)[0])
+    stiffness = float(np.max(np.abs(nominal.vehicle.at(t)[0]))) + sum(
+        abs(of) for term, of in nominal.terms if term == SWING_TERM)
+    longest = min(LONGEST_PERIOD, MOTION_STEP / math.sqrt(stiffness)) if stiffness > 0.0 else LONGEST_PERIOD
     return max(1, min(math.ceil(rows / ROWS_FITTED), math.floor(longest / period + 1e-9)))
 
 

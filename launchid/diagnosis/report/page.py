@@ -75,25 +75,23 @@ def page(result: Result, answer: dict[str, Any], drawn: Drawn | None, compared: 
     """The whole page."""
     pictures = f"<p>{text(NO_FIGURES)}</p>" if drawn is None else "".join(
         picture(name.partition(".")[0], *PICTURES[name], png, live) for name, png, live in drawn)
+    said = (*result.doubts, *result.remaining, *result.notes)
+    measured, simulated = Path(result.reading.log.path).name, result.nominal.name
+    nominal = Path(result.nominal.path).name if result.nominal.path else simulated
     return made_page(
-        headline(result), f"launchid diagnose: measured {Path(result.reading.log.path).name} against the simulation of "
-        f"{result.nominal.name}", COLOURS[result.verdict], _first(result, answer), (
+        headline(result), f"launchid diagnose: measured {measured} against the simulation of {simulated}",
+        COLOURS[result.verdict], _first(result, answer), (
             ("Causes", _causes(result)), ("Held-out gain", _gain(answer["gain"])), ("Figures", pictures),
             ("Measured beside simulated", compared),
-            ("Against the model", _words((*result.doubts, *result.remaining, *result.notes))),
-            ("What could have been seen", _limits(answer["limits"])),
+            ("Against the model", list_of([text(each) for each in said]) if said else ""),
+            ("What could have been seen", table(("cause", "size that this log would have shown"), [
+                (text(name), f"{each['parameter']} {each['size']:.3g} {text(each['unit'])}")
+                for name, each in answer["limits"].items() if each["size"] is not None])),
             ("Noise", table(("noise of", "measured over declared"), [
                 (text(name), f"{level['factor']:.3g}" + (" (differs)" if level["significant"] else ""))
                 for name, level in answer["noise"].items()])),
             ("Data check", _data(result)), ("Controller check", _controller(result)),
-            ("To reproduce", _again(result))))
-
-
-def _limits(limits: dict[str, Any]) -> str:
-    """The size of each cause that this log would have shown."""
-    return table(("cause", "size that this log would have shown"), [
-        (text(name), f"{each['parameter']} {each['size']:.3g} {text(each['unit'])}") for name, each in limits.items()
-        if each["size"] is not None])
+            ("To reproduce", f"<pre>{text(f'launchid diagnose {measured} {nominal} --report DIR')}</pre>")))
 
 
 def _first(result: Result, answer: dict[str, Any]) -> str:
@@ -127,10 +125,6 @@ def _gain(gain: dict[str, Any] | None) -> str:
             "what was fitted.</p>" + table(("channel", *(f"over {h} s" for h in gain["horizons"])), rows))
 
 
-def _words(words: tuple[str, ...]) -> str:
-    return list_of([text(each) for each in words]) if words else ""
-
-
 def _data(result: Result) -> str:
     data = result.reading.data
     rows = [(text(each.kind), text(each.channel or "rows"), f"{each.t_start:.6g}", f"{each.t_end:.6g}",
@@ -146,9 +140,3 @@ def _controller(result: Result) -> str:
     if found.kind == "none":
         return f"<p>The logged command is the nominal controller's ({found.before:.2g} rad rms apart).</p>"
     return f"<p>The logged command is not the nominal controller's: {text(found.words)}.</p>"
-
-
-def _again(result: Result) -> str:
-    nominal = Path(result.nominal.path).name if result.nominal.path else result.nominal.name
-    lines = [f"launchid diagnose {Path(result.reading.log.path).name} {nominal} --report DIR"]
-    return "<pre>" + "\n".join(text(line) for line in lines) + "</pre>"
