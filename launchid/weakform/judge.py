@@ -438,7 +438,9 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | N
 
 def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) -> Late | None:
     """Return the delay and the lag with which beta acts, by the largest likelihood: a lag where it is more likely than
-    a delay alone, of first order or two of half of it.
+    a delay alone, of first order or two of half of it. One set of coefficients, and lines in time of a6 and k1, hold
+    for the whole log: a controller answers noise at once, and a piece in which little else moves, with its own
+    coefficients, takes that answer for when beta acts.
 
     None where neither is sure, where the terms of a `rival` make a beta that acts at once as likely, of two clocks, of
     a lag beyond LAGS, and of stretches too short to tell. The lag and its deviation are those of the parabola through
@@ -447,9 +449,11 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
     begins, tried = LAGS_FORGOTTEN * LAGS[-1], list[tuple[float, Lead]]()
     if rows.stretch < begins + MOST_DELAY + STRETCH:
         return None
+    terms, rival = (*terms, *slopes_of(terms)), (*rival, *slopes_of(rival)) if rival else ()
     shapes = [(order, lag) for order in (1, 2) for lag in LAGS[order - 1:]]
     for order, each in shapes:
-        pieces = pieces_of(without_beginnings(acting_later(rows, 0.0, each, order), begins), terms)
+        late_rows = without_beginnings(acting_later(rows, 0.0, each, order), begins)
+        pieces = fitted([(late_rows, term_modes(late_rows, terms))])
         left = lead_of(pieces, terms, rows) or Lead(0.0, math.inf)
         left = left if left.value > 0.0 else Lead(0.0, left.std)
         tried.append((likelihood([moved(piece.rows, left.value) for piece in pieces], terms), left))
@@ -469,10 +473,15 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
     if late.lead.grows or not (late.lag[0] or late.lead.is_sure):
         return None
     if rival:
-        at_once = pieces_of(without_beginnings(rows, begins), rival)
-        if tried[best][0] < likelihood([piece.rows for piece in at_once], rival):
+        if tried[best][0] < likelihood([without_beginnings(rows, begins)], rival):
             return None
     return late
+
+
+def slopes_of(terms: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the lines in time in a6 and k1 that terms lack."""
+    return tuple(f"tau*{term}" for term in ("theta", "sin(theta)", "beta")
+                 if term in terms and f"tau*{term}" not in terms)
 
 
 def clocked(pieces: list[Piece], at: np.ndarray, lead: Lead, rows: Rows) -> Lead:

@@ -27,6 +27,7 @@ from .judge import (
     lead_of,
     left_over,
     question,
+    slopes_of,
     with_betas,
 )
 from .rows import Modes, Rows, increments, term_modes, usable
@@ -348,12 +349,6 @@ def changes_of(asked: Question) -> tuple[dict[str, float], dict[str, float]]:
                 scatter[term] = beyond
             change[term] = 2.0 * math.pi / span * math.sqrt(beyond)
     return change, scatter
-
-
-def slopes_of(terms: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the lines in time in a6 and k1 that terms lack."""
-    return tuple(f"tau*{term}" for term in ("theta", "sin(theta)", "beta")
-                 if term in terms and f"tau*{term}" not in terms)
 
 
 def drift(bent: Fit, fit: Fit, terms: tuple[str, ...], rate: dict[str, float]) -> np.ndarray:
