@@ -7,7 +7,8 @@ FOLDER   NAME.csv of logs that may not be passed on (`diagnosis_set.py --folder`
 Where no window is OK, the library that the answer advises is taken, as its reader does. A line a log: the windows that
 are OK, of the whole log and of 5 s; how far the furthest is from what is known; the R2 with which a regression on an
 even grid (zero-phase low pass, the input delayed) predicts the last 40 % of the rows from the first 60 %. Known is
-what the set says, else what the regression finds at its low passes where its R2 is 0.9 or more. Asked: none more than
+what the set says, else what the regression finds at its low passes where its R2 is 0.9 or more, with the square of the
+input if the answer has it: k1 is then the slope where the input is zero. Asked: none more than
 4 of its deviations and 5 % off; an OK window in half of the logs of such an R2.
 --placebo: only the logs with their input shifted; k1 must be refused.  --judge: also those on which nothing is chosen.
 """
@@ -105,7 +106,7 @@ def convert(raw: Path, out: Path) -> None:
         write_text(out / f"{name}.csv", [",".join(columns) + "\n", *(",".join(map(repr, row)) + "\n" for row in rows)])
 
 
-def regression(log: Log, angle: str) -> tuple[float, dict[str, list[float]]]:
+def regression(log: Log, angle: str, is_squared: bool = False) -> tuple[float, dict[str, list[float]]]:
     """Return the R2 of left-out rows at the best low pass and delay, and {a6, k1: [low, high]} over the low passes that
     predict; it uses nothing of the project but the columns."""
     t, step = log.t, float(np.median(np.diff(log.t)))
@@ -129,7 +130,8 @@ def regression(log: Log, angle: str) -> tuple[float, dict[str, list[float]]]:
         here = []
         for delay in DELAYS:
             late = beta[np.clip(np.arange(len(grid)) - round(delay / step), 0, None)]
-            x = np.column_stack([smooth(sine(theta)), smooth(late), np.ones_like(grid), rate, smooth(np.sign(rate))])
+            x = np.column_stack([smooth(sine(theta)), smooth(late), np.ones_like(grid), rate, smooth(np.sign(rate)),
+                                 *([smooth(late**2)] if is_squared else [])])
             xi = np.linalg.lstsq(x[end:n], y[end:n], rcond=None)[0]
             left_out = slice(n, -end)
             r2 = 1.0 - np.var(y[left_out] - x[left_out] @ xi) / np.var(y[left_out])
@@ -211,6 +213,8 @@ def main() -> None:
         fine = [window for window in told if window["status"] == "OK"]
         kept += args.placebo and any(window["terms"].get("beta") for window in fine)
         r2, ranges = regression(moves, angle)
+        if any("beta^2" in window["terms"] for window in fine):
+            ranges = regression(moves, angle, is_squared=True)[1]
         known = ranges | {key: asked[key] for key in ("a6", "k1") if key in asked}
         off = [max(distances(window, {"a6": angle, "k1": "beta"}, known), default=(0.0, 0.0)) for window in fine]
         far = max(off, default=(0.0, 0.0))

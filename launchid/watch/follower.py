@@ -28,8 +28,8 @@ from ..identification.windows import (
 from ..log.live import LiveCheck
 from ..log.log import Log, log_of
 from ..robustness.level import level_json, ranged_model
-from ..weakform.windows import refused
-from .first_rows import FirstRows
+from ..weakform.windows import disbelieved
+from .last_rows import LastRows
 from .live import Live, Row
 from .rate import Rate
 
@@ -70,7 +70,7 @@ class Follower:
         self._t, self._shown, self._came = math.nan, -math.inf, math.inf
         self.estimates: deque[Estimate] = deque(maxlen=LAST_WINDOWS)
         self._notes: list[str] = []
-        self._first, self._rate, self._stand = FirstRows(source), Rate(source), (False, "")
+        self._last_rows, self._rate, self._stand = LastRows(source), Rate(source), (False, "")
         self._waiting: deque[Log] = deque(maxlen=MOST_WAITING)  # until the period is known
         self._live_check = LiveCheck(self._ready.sample_period)
         self._is_known, self._refused = period is not None, ""  # is the period sure; why the last one was not used
@@ -108,8 +108,8 @@ class Follower:
         """Feed further rows to the estimator and the data check, or keep them while the period is not known yet."""
         self.prepare()
         self.rows, self._came = self.rows + len(log.t), time.monotonic()
-        self._first.add(log)
         for part, period in [(log, None)] if self._is_known else self._rate.parts(log):
+            self._last_rows.add(part)
             if self.estimator is None:
                 self._waiting.append(part)
             else:
@@ -155,8 +155,10 @@ class Follower:
                              f"expected at most {WINDOW_ROWS} "
                              f"rows in a window of {self._window:g} s, or --period")
         self.estimator, self._live_check = Estimator(self._config(period)), LiveCheck(period)
-        self.live.head = self._head()
+        self.live.head, self._last_rows = self._head(), LastRows(self._source)
         while self._waiting:
+            if len(self._waiting) == 1:   # those before may be of another clock
+                self._last_rows.add(self._waiting[0])
             self._feed(self._live_check.add(self._waiting.popleft()))
         if self.estimator.config.missing_commands > 0.0:
             self._note(f"{self._source}: slower than the controller: the commands between its rows are taken as held, "
@@ -165,11 +167,12 @@ class Follower:
     def check(self, ended: bool) -> None:
         """Run the data check if due or `ended`, and judge shown windows by it; InputError for faults if `strict`."""
         assert self.estimator is not None
-        if words := self._first.checked(self._nominal, self.estimator.config.sample_period, ended):
+        if words := self._last_rows.checked(self._nominal, self.estimator.config.sample_period, ended):
             if self._strict:
                 raise InputError(words)
             self._note(words)
-        if (stand := (self._first.is_asked, self._first.foreign)) != self._stand:   # that of earlier windows, too
+        stand = self._last_rows.is_asked, self._last_rows.foreign
+        if stand != self._stand:   # that of earlier windows, too
             self._stand, closed = stand, {instant(e.t_end): e for e in self.estimates}
             windows = self.live.windows
             windows.rows = [window_row(self._judged(closed[row[1]])) if row[1] in closed else row
@@ -178,10 +181,13 @@ class Follower:
 
     def _judged(self, estimate: Estimate) -> Estimate:
         """Return the estimate, not valid if the data check of the rows so far is outstanding or found wrong columns."""
-        if not estimate.valid or (self._first.is_asked and not self._first.foreign):
+        if self._last_rows.foreign:
+            return disbelieved(estimate)
+        if self._last_rows.is_asked:
             return estimate
-        return refused(estimate) if self._first.foreign else dataclasses.replace(
-            estimate, valid=False, status=EstimateStatus.UNCHECKED)
+        tracked, status = estimate.tracked, EstimateStatus.UNCHECKED if estimate.valid else estimate.status
+        return dataclasses.replace(estimate, valid=False, status=status,
+                                   tracked=None if tracked is None else tracked._replace(valid=False))
 
     def _note(self, text: str) -> None:
         if text not in self._notes:
@@ -216,7 +222,7 @@ class Follower:
         points = self.live.points
         self._until_point = max(1, round(SPACING / estimator.config.sample_period))
         estimate = estimator.estimate() if points.is_due() else None
-        points.add(None if estimate is None else point_row(self._t, estimate))
+        points.add(None if estimate is None else point_row(self._t, self._judged(estimate)))
         self.live.revision += 1
 
     # ---- what is shown
@@ -248,10 +254,11 @@ class Follower:
         if estimate is None:
             return known
         self.live.changes = [_rounded(change_json(change)) for change in self.estimator.changes()]
-        levels, window = estimate.uncertainty, self._judged(estimate)
+        window = self._judged(estimate)
+        levels = window.uncertainty
         return {**known, "windows": self.closed, "window": window_row(window),
-                "why": REASONS.get(window.status.name, ""), "tracked": _rounded(tracked_json(estimate)),
-                "servo": "".join(servo_lines(actuator_json(estimate).get("actuator", {}))),
+                "why": REASONS.get(window.status.name, ""), "tracked": _rounded(tracked_json(window)),
+                "servo": "".join(servo_lines(actuator_json(window).get("actuator", {}))),
                 "level": None if levels is None or not levels.valid else
                 {name: _rounded(level_json(getattr(levels, name))) for name in ("a6", "k1")}}
 

@@ -48,6 +48,7 @@ RUNS = 3.0           # times its fast part, that all of theta is where it runs a
 LARGE = 0.5          # rad: below it sin(theta) is theta within 4 %
 MOST_DELAY = 0.3     # s either way
 DELAY_STEP = 0.0125  # s of the first search
+MOST_TOGETHER = 100_000  # rows of shifted betas that are computed at once: some 20 MB
 LAGS = (0.0, 0.01, 0.02, 0.035, 0.055, 0.08, 0.12, 0.18, 0.27, 0.4)  # s of a servo or motor, that are tried
 FEWEST_CLOCK = 6     # pieces that say when beta acts, for a clock that runs slow
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
@@ -111,6 +112,9 @@ class Piece:
 
     def unexplained(self, terms: tuple[str, ...], leads: list[float]) -> np.ndarray:
         """Return the weighted squares (k,) that terms leave with a beta that acts later by each of k leads [s]."""
+        if len(leads) > 1 and len(leads) * len(self.rows.t) > MOST_TOGETHER:
+            half = len(leads) // 2
+            return np.concatenate([self.unexplained(terms, leads[:half]), self.unexplained(terms, leads[half:])])
         w, ends = self.weight, np.repeat(self.modes.ends[:, None, :], len(leads), axis=1)
         phi = np.transpose(np.concatenate([self.shifted(terms, leads), ends], axis=2), (1, 2, 0))
         phi = np.multiply(phi, w, order="C")

@@ -22,9 +22,10 @@ import pytest
 
 from launchid.cli.main import main
 from launchid.identification.windows import onboard_model
-from launchid.log.log import flown_log, read_log
-from launchid.watch.first_rows import MOST_CHECKED, FirstRows
+from launchid.log.live import part
+from launchid.log.log import flown_log, log_of, read_log
 from launchid.watch.follower import LAST_WINDOWS, Follower
+from launchid.watch.last_rows import CHECKED, MOST_CHECKED, LastRows
 from launchid.watch.lines import LONGEST_LINE, Lines
 from launchid.watch.live import MOST_WINDOWS, POINT, POINTS_SHOWN, WINDOW_COLUMNS, Live, message
 from launchid.watch.server import MOST_PAGES, Server
@@ -378,7 +379,7 @@ def test_malformed_rows_are_said_with_their_number_and_counted(folder, nominal, 
     assert numbers == [at + 1 + k for k, at in enumerate(sorted(bad))] and "\n" not in "".join(lines)
 
 
-def test_the_data_check_of_the_first_rows(folder, nominal, tmp_path):
+def test_the_data_check_of_the_rows_so_far(folder, nominal, tmp_path):
     """A log in degrees is said while it runs, not only at its end."""
     header, *rows = rows_of(folder / "flight.csv")
     degrees = [b",".join([cells[0], *(b"%.9f" % (57.29578 * float(cell)) for cell in cells[1:])]) + b"\n"
@@ -386,8 +387,41 @@ def test_the_data_check_of_the_first_rows(folder, nominal, tmp_path):
     (tmp_path / "log.csv").write_bytes(header + b"".join(degrees))
     session = Session(open_source(str(tmp_path / "log.csv"), once=True), nominal)
     made = session.result()
-    assert made.interrupted is False and not any(w["valid"] for w in made.report["windows"])
+    assert made.interrupted is False
+    assert not any(w["valid"] or w["tracked"]["valid"] for w in made.report["windows"])
     assert len([line for line in session.said if "the data check" in line and "degrees" in line]) == 1
+
+
+def test_nothing_is_tracked_before_the_data_check_was_asked(folder, nominal):
+    log = read_log(folder / "flight.csv")
+    follower = Follower("log", nominal, window=1.0, period=log.period)
+    follower.take(part(log, 0, round(0.9 * CHECKED / log.period)))
+    follower.tick()
+    assert follower.live.now["tracked"]["a6"] is not None and not follower.live.now["tracked"]["valid"]
+    follower.take(part(log, round(0.9 * CHECKED / log.period), len(log.t)))
+    follower.tick("ended")
+    assert follower.live.now["tracked"]["valid"]
+
+
+def test_the_data_check_is_asked_of_what_moves_after_a_long_rest(folder, nominal):
+    """A rate of the other sign shows in no row on the pad, of which there are more than are kept; it stays said."""
+    log = read_log(folder / "flight.csv")
+    n, noise = MOST_CHECKED, np.random.default_rng(1)
+    at_rest = log_of({"t": log.t[0] - log.period * np.arange(n, 0, -1), **{
+        name: 1e-4 * noise.normal(size=n) for name in ("theta", "theta_dot", "beta")}})
+    flown = log_of({"t": log.t, "theta": log.theta, "theta_dot": -log.theta_dot, "beta": log.beta})
+    after = log_of({"t": at_rest.t + 12.0 + n * log.period, "theta": at_rest.theta, "theta_dot": at_rest.theta_dot,
+                    "beta": at_rest.beta})
+    rows = LastRows("log")
+    rows.add(at_rest)
+    assert rows.checked(nominal, log.period, ended=False) == "" and rows.is_asked and not rows.foreign
+    rows.add(flown)
+    assert "theta_dot" in rows.checked(nominal, log.period, ended=True) and rows.foreign
+    rows.add(after)
+    rows.checked(nominal, log.period, ended=False)
+    rows.add(after)
+    rows.checked(nominal, log.period, ended=True)
+    assert rows.foreign
 
 
 def test_another_header_is_unchecked_again(folder, nominal):
@@ -395,7 +429,7 @@ def test_another_header_is_unchecked_again(folder, nominal):
     log = read_log(folder / "flight.csv")
     other = dataclasses.replace(log, columns=(*log.columns, "gamma"))
     for pieces in (1, MOST_CHECKED // len(log.t) + 1):
-        first = FirstRows("log")
+        first = LastRows("log")
         for _ in range(pieces):
             first.add(log)
         first.checked(nominal, log.period, ended=True)
@@ -416,7 +450,7 @@ def test_memory_does_not_grow(folder, nominal):
     assert len(follower.live.points.rows) < 10 and len(follower.live.windows.rows) < 12
     assert follower.live.points.stride >= 8
     assert follower.estimates.maxlen == LAST_WINDOWS
-    first = FirstRows("log")
+    first = LastRows("log")
     for _ in range(2 * MOST_CHECKED // len(log.t)):
         first.add(log)
     assert first.count < MOST_CHECKED + len(log.t)

@@ -17,8 +17,8 @@ import pytest
 from test_watch import Listener, Session, asked, port_of
 
 from launchid.watch import sources
-from launchid.watch.first_rows import MOST_CHECKED
 from launchid.watch.follower import MOST_WAITING, WINDOW_ROWS, Follower
+from launchid.watch.last_rows import MOST_CHECKED
 from launchid.watch.lines import LONGEST_LINE, LONGEST_SAID, MOST_MESSAGES, Lines
 from launchid.watch.live import Live
 from launchid.watch.rate import PERIOD_ROWS
@@ -119,7 +119,9 @@ def test_silent_connections_to_both_ports(nominal, rows, quiet, many_descriptors
         session.until(lambda: session.state()["now"]["windows"] == SECONDS)
         page = Listener(session.port)
         session.until(lambda: bool(page.last))
-        assert is_right(session.state()["now"], quiet) and page.last["now"]["rows"] == len(rows)
+        tracked = session.state()["now"]["tracked"]
+        assert not tracked["valid"], "the data check asks after 10 s"
+        assert is_right({"tracked": tracked | {"valid": True}}, quiet) and page.last["now"]["rows"] == len(rows)
         source._once = True
         send(port_of(source), rows[-1])
         assert session.result().report["rows"] == {"read": len(rows) + 1, "malformed": 0}
@@ -155,7 +157,7 @@ def test_requests_that_hold_make_no_more_threads_than_there_may_be(n, first):
         server.end()
 
 
-# ---- the first rows
+# ---- rows that come first
 
 
 def stamped(stamps: list[float]) -> bytes:
@@ -198,7 +200,7 @@ def test_rows_that_say_no_rate_take_no_memory_and_no_time(nominal):
         for piece in [row] * alone + [row * 500] * 100:
             for log in lines.logs(piece):
                 follower.take(log)
-        assert len(follower._waiting) <= MOST_WAITING and follower._first.count <= MOST_CHECKED + 500
+        assert len(follower._waiting) <= MOST_WAITING and follower._last_rows.count <= MOST_CHECKED + 500
     for log in lines.logs(stamped([k * 1e-6 for k in range(640)])):
         follower.take(log)
     assert follower.estimator is None and sum(len(log.t) for log in follower._waiting) < PERIOD_ROWS

@@ -274,6 +274,29 @@ def test_two_clocks_are_no_late_beta():
     assert "late" not in made.report and not any(each["valid"] for each in made.report["windows"][6:])
 
 
+def test_a_controller_that_answers_noise_at_once_does_not_say_when_beta_acts():
+    """Behind a friction nothing moves in two thirds of the log: there beta follows the noise of theta, and with
+    coefficients of their own 40 ms and a lag were found."""
+    rng, n, moving = np.random.default_rng(0), 9000, 3000
+    t, fine = np.arange(n) * H, H / 5
+    wanted = 0.3 * np.sin(2.0 * math.pi * (0.1 * t + t**2 / 120.0)) * (np.arange(n) < moving)
+    theta, beta, (x, v), whole = np.zeros(n), np.zeros(n), (0.0, 0.0), 0.0
+    for k in range(n):
+        theta[k] = x + 1e-4 * rng.normal()
+        whole += 0.3 * H * (wanted[k] - theta[k])
+        beta[k] = 0.6 * wanted[k] - 0.3 * theta[k] + whole - 0.05 * (theta[k] - theta[max(k - 1, 0)]) / H
+        for _ in range(5):
+            a = -9.0 * x - v + 30.0 * beta[k - 10] * (k >= 10)
+            sticks = abs(v) < 2e-3 and abs(a) < 0.3
+            v = 0.0 if sticks else v + fine * (a - 0.3 * np.sign(v))
+            x += fine * v
+    made = launchid.identify({"t": t, "theta": theta, "beta": beta}, window=5.0,
+                             library="theta,beta,theta_dot,1,sign(theta_dot)")
+    late, (a6, k1) = made.report["late"], np.array([[each.a6, each.k1] for each in made.estimates[:5]]).T
+    assert late["lag"] is None and late["delay"]["value"] == pytest.approx(0.1, abs=0.01)
+    assert a6 == pytest.approx(-9.0, rel=0.05) and k1 == pytest.approx(30.0, rel=0.05)
+
+
 def test_a_late_beta_on_stamps_that_jitter_is_late():
     rng = np.random.default_rng(3)
     flown = flights.fly(30.0)

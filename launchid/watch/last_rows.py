@@ -1,10 +1,10 @@
-"""Run the data check on the rows so far of a stream: it finds what only many rows show (units, signs, stamps)."""
+"""Run the data check on the last rows of a stream: it finds what only many rows show (units, signs, stamps)."""
 
 from sim.errors import InputError
 from sim.nominal import Nominal
 
 from ..log.check import checked
-from ..log.live import rows_of
+from ..log.live import part, rows_of
 from ..log.log import REQUIRED, Log, log_of
 
 CHECKED = 10.0         # s of the log: by then a reversed sign shows, too; the check takes some 15 ms
@@ -12,25 +12,30 @@ MOST_CHECKED = 20_000  # rows
 MOST_PIECES = 256      # that are kept one by one
 
 
-class FirstRows:
-    """The rows of a stream so far, MOST_CHECKED at most, and the data check of them, which runs at CHECKED [s] of rows
-    and again whenever the rows have doubled.
+class LastRows:
+    """The last rows of a stream, MOST_CHECKED at most, and the data check of them, which runs at CHECKED [s] of rows,
+    again whenever the rows have doubled, and then whenever half of them are new: rest shows no reversed sign.
+
 
     is_asked  whether the check has run;  foreign: text naming columns that hold another quantity, "" if none do
     """
 
     def __init__(self, path: str) -> None:
-        self._path, self._logs, self._asked_at = path, list[Log](), 0
-        self._columns: tuple[str, ...] = ()
+        self._path = path
         self._said: set[tuple[str, str | None]] = set()
+        self._begin(())
+
+    def _begin(self, columns: tuple[str, ...]) -> None:
+        """Forget all rows: nothing is known of these columns."""
+        self._columns, self._logs, self._asked_at = columns, list[Log](), 0
         self.count = 0  # rows that are kept
-        self.is_asked, self.foreign = False, ""
+        self.is_asked, self.foreign, self._was_foreign = False, "", ""
 
     def add(self, log: Log) -> None:
-        """Keep further rows for the check; rows under another header replace all rows before them."""
-        if self._columns not in ((), log.columns):   # of which nothing is known yet
-            self._logs, self.count, self._asked_at, self.is_asked, self.foreign = [], 0, 0, False, ""
-        self._columns = log.columns
+        """Keep further rows for the check; rows under another header replace all rows before them, and those that come
+        to MOST_CHECKED while no check is run are left out."""
+        if self._columns != log.columns:
+            self._begin(log.columns)
         if self.count >= MOST_CHECKED:
             return
         self._logs.append(log)
@@ -47,11 +52,13 @@ class FirstRows:
         try:
             seen = checked(log_of(rows_of(*self._logs).measured() if self._logs else dict.fromkeys(REQUIRED, ()),
                                   self._path), nominal)
-            self.foreign = seen.foreign
+            self.foreign = seen.foreign or self._was_foreign
             words = "; ".join(fault.message for fault in seen.faults if (fault.kind, fault.channel) not in self._said)
             self._said |= {(fault.kind, fault.channel) for fault in seen.faults}
         except InputError as error:
             words = self.foreign = str(error)
         if self.count >= MOST_CHECKED:
-            self._logs = []
-        return f"{self._path}: the data check of the first rows: {words}" if words else ""
+            rows = rows_of(*self._logs)
+            self._logs, self.count = [part(rows, len(rows.t) - MOST_CHECKED // 2, len(rows.t))], MOST_CHECKED // 2
+            self._asked_at, self._was_foreign = self.count, self.foreign
+        return f"{self._path}: the data check of the last rows: {words}" if words else ""
