@@ -16,7 +16,6 @@ class LastRows:
     """The last rows of a stream, MOST_CHECKED at most, and the data check of them, which runs at CHECKED [s] of rows,
     again whenever the rows have doubled, and then whenever half of them are new: rest shows no reversed sign.
 
-
     is_asked  whether the check has run;  foreign: text naming columns that hold another quantity, "" if none do
     """
 
