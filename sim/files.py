@@ -106,7 +106,7 @@ def _check_place(path: str | Path) -> None:
 
 @contextlib.contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path whose file becomes the output `path` when the block ends well, and is removed if not."""
+    """Context with a temporary path, whose file becomes the output `path` when the block ends well, else is removed."""
     path = as_path(path)
     status = check_output(path)
     try:

@@ -59,7 +59,7 @@ def shown(cell: str) -> str:
 
 
 def places(path: str, header: list[str], required: tuple[str, ...], where: str = "line 1: ") -> dict[str, int]:
-    """Return column name -> its place in the header; InputError, which gives `where`, if it cannot be a log's."""
+    """Return column name -> place in the header; InputError (`where` names its line) if it cannot be a log's."""
     names = [name.strip() for name in header]
     for name, times in Counter(names).items():
         if times > 1 and name:
@@ -103,7 +103,7 @@ class Columns:
         self.ignored = tuple(name for name in names if name and name not in self.known)
 
     def numbers(self, line: int, cells: list[str], is_last: Callable[[], bool] = lambda: False) -> list[float]:
-        """Return one row's known cells as numbers; InputError naming line and column.  is_last: is it the file's."""
+        """Return one row's known cells as numbers; InputError naming line and column.  is_last(): the file's last?"""
         if len(cells) != self.width:
             raise InputError(f"{self.path}: line {line}: {self._odd_width(cells, is_last)}")
         if cells == self._header:

@@ -145,8 +145,8 @@ class Section:
 
 @dataclass(frozen=True)
 class Controller:
-    """Law `attitude`: command = kp e + kd d, d = (tau d + e - e_previous)/(tau + period), e = theta_measured -
-    theta_ref.
+    """[controller].  Law `attitude`: command = kp e + kd d, d = (tau d + e - e_previous)/(tau + period), e =
+    theta_measured - theta_ref.
 
     Law `rate`: command = kp e + ki integral(e), e = theta_dot_measured - rate_ref; the integral is the sum of period e
     with the current sample, from 0; a sample whose command (filters and test input in it) is beyond the limit is not

@@ -51,7 +51,7 @@ def servo_lines(actuator: dict[str, dict[str, float | None]]) -> list[str]:
 
 
 def saying_what_plus_minus_is(lines: list[str]) -> list[str]:
-    """Return the lines; the first with `+-` also says what stands behind it."""
+    """Return the lines; to the first with a `+-` is added that this is one standard deviation."""
     first = next((k for k, line in enumerate(lines) if " +- " in line), None)
     if first is None:
         return lines

@@ -59,7 +59,7 @@ def flight_information(nominal: Nominal, window: float, seed: int = 0, period: f
                        a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, *, path_known: bool = True,
                        levels_known: bool = False) -> np.ndarray:
     """Fly once (`flight` sensors); return Fisher information (w, 2, 2) about relative a6 and k1 in each of w windows;
-    of more size where [actuator] has sigmas, see `with_prior`.
+    larger where [actuator] has sigmas, see `with_prior`.
 
     nominal  vehicle, noises and air;  window [s];  period [s] of the log, None: sensors.period
     a6_factor, k1_factor  true parameters over the nominal's

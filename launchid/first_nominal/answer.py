@@ -38,11 +38,11 @@ class First:
     """The first nominal of a log; a Number is (value, standard deviation).
 
     t (n,) [s of the log] nodes, a6, k1, a6_std, k1_std (n,) [1/s^2] at them;  sine: a6 is the coefficient of sin(theta)
-    terms    coefficients of theta_dot [1/s] and sign(theta_dot) [rad/s^2], if the model has them delay    [s] of the
-    command to the nozzle (or to the motion, if no nozzle is measured), or of nozzle to motion servo    natural
-    frequency [rad/s] and damping ratio, None unless command and nozzle are logged offsets  moment [rad/s^2], gyro_bias
-    [rad/s];  noise  one sigma a sample or period;  wind  as in [wind] refused  sentences on numbers that the log cannot
-    tell;  notes  on what was left out;  r2  share predicted of held-out rows
+    terms    coefficients of theta_dot [1/s] and sign(theta_dot) [rad/s^2], if the model has them
+    delay    [s] of the command to the nozzle (or to the motion, if no nozzle is measured), or of nozzle to motion
+    servo    natural frequency [rad/s] and damping ratio, where a command and the nozzle tell them
+    offsets  moment [rad/s^2], gyro_bias [rad/s];  noise  one sigma a sample or period;  wind  as in [wind]
+    refused  sentences on what the log cannot tell;  notes  on what was left out;  r2  of held-out rows, predicted
     """
 
     path: str

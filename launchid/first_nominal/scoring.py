@@ -59,8 +59,8 @@ def penalised(ln_l: float, model: Model, done: Pass) -> float:
 
 
 def moved(model: Model, step: np.ndarray) -> Model:
-    """Return the model after a step (p,) in (linear, free), within bounds: coefficients and delay by sums, others by
-    factors exp."""
+    """Return the model after a step (p,) in (linear, free), within bounds: coefficients and delay by sums, the others
+    by factors exp(step)."""
     q = len(model.linear)
     numbers = dict(model.numbers)
     for name, change in zip(model.free, step[q:].tolist(), strict=True):

@@ -250,7 +250,7 @@ def grown(now: Fitted, c: Channels) -> Fitted:
 
 
 def hope(model: Model, c: Channels) -> float:
-    """Return the penalised ln L expected after one scoring step of the coefficients: exact for linear additions."""
+    """Return the penalised ln L expected after one scoring step: exact where the model is linear in what was added."""
     none = replace(model, free=())
     base = run(none, c)
     score, information = scores(none, c, base)

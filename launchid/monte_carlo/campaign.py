@@ -289,7 +289,7 @@ class _Fleet:
                 raise _cannot(error) from error
 
     def renew(self, error: BaseException) -> None:
-        """Another executor for one that broke."""
+        """Replace the executor, which broke; UsageError if it was given, so that no other can be made."""
         if not self._own:
             raise UsageError(f"the executor broke ({type(error).__name__}); run again to continue, with a new one, or "
                              "give a function that makes them") from error
@@ -318,7 +318,7 @@ class _Dispatch:
         self._broken: BaseException | None = None  # the executor's end: nothing is sent until there is another
 
     def outcomes(self) -> Iterator[list[tuple[int, Any]]]:
-        """Chunk by chunk, in the order in which they end."""
+        """Yield the outcomes of each chunk, in the order in which chunks end."""
         try:
             while self._fill():
                 until = FIRST_COMPLETED if self._broken is None else ALL_COMPLETED

@@ -53,7 +53,7 @@ class Servo(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """Margins (`spread`) of one estimate and the loop (`known`) that has them; both None unless `status` is "OK"."""
+    """Margins of one estimate (`spread`), and its a6, k1 and servo (`known`); both None unless `status` is "OK"."""
 
     status: str
     known: Known | None = None
@@ -120,7 +120,7 @@ class Flown:
 
 
 def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate]) -> Flown:
-    """Test in each window whether the log's commands are the nominal controller's and its nozzle is the servo's."""
+    """Return for each window whether the log's commands are the nominal controller's and its nozzle the servo's."""
     flown = Flown()
     replayed, follows = replay(log, nominal), followed(log, onboard_model(nominal))
     if isinstance(replayed, str):
@@ -280,8 +280,7 @@ def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, i
 
 
 def interval_words(interval: dict[str, float | None], unit: str = "") -> str:
-    """Return a value and its 95 % interval as text, `37.51 (36.38..38.57)`; "-" if all three are None (else
-    infinite)."""
+    """Return a value and its interval as text, `37.51 (36.38..38.57)`; a None is inf or -inf, all None are "-"."""
     if interval["value"] is None and interval["low"] is None and interval["high"] is None:
         return "-"
     decimals = 1 if unit == "ms" else 2

@@ -135,7 +135,8 @@ def chi_square_quantile(probability: float, degrees: int) -> float:
 
 
 def fit_range(value: np.ndarray, std: np.ndarray, within: float, share: float, confidence: float) -> Range:
-    """Fit the range of a6 or k1 to n flights: deviations value (n,), their std (n,), and the rms `within` a flight."""
+    """Fit the range of a6 or k1 that holds `share` of vehicles with `confidence`, from the deviations of n flights,
+    value (n,) with std (n,), and their rms `within` a flight."""
     n = len(value)
     noise = float(np.mean(std**2))
     spread = max(float(np.mean(value**2)) - noise, 0.0)

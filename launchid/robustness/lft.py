@@ -44,7 +44,8 @@ WHOLE_PERIOD = 1e-9      # of a period: a delay this close to whole periods is w
 
 @dataclass(frozen=True, eq=False)
 class Lft:
-    """M of the closed loop frozen at t [s]: a6, k1 [1/s^2] at delta = 0; arrays as in the module's equations."""
+    """LFT of the closed loop frozen at t [s], arrays of the module's equations: flow a, b, c, d; jumps tick, hold,
+    reference, command, switch.  a6, k1 [1/s^2] at delta = 0; sigma (2,) their relative range; fraction, period [s]."""
 
     t: float                    # s
     a6: float                   # 1/s^2, at delta = 0

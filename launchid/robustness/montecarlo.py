@@ -77,7 +77,7 @@ def figures(flown: Flown) -> dict[str, float | int]:
 
 
 def identify(job: Job) -> dict[str, float | int | str]:
-    """Fly a vehicle with legacy gains, identify it in windows of FLIGHT_WINDOW; return counts, truth, last tracked."""
+    """Fly with legacy gains, identify in windows of FLIGHT_WINDOW; return counts, true and last tracked a6, k1."""
     nominal = _nominal(job.nominal)
     a6_factor, k1_factor = factors(nominal, job)
     flight = fly_whole(nominal, job.seed, a6_factor=a6_factor, k1_factor=k1_factor)

@@ -45,7 +45,7 @@ ACTUATOR_EFFECTS = (
 
 
 def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
-    """Add effect `name` with parameter values p to `of`, in place: an actuator's that is more than one number."""
+    """Add effect `name` with values p to `of`, in place; parameters with `into` are not added here."""
     match name:
         case "actuator_backlash":
             of.inputs.append((PLAY, p["half_width"], 0.0))
@@ -62,8 +62,8 @@ def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
 def slowed(scale: float, lag: float, frequency: float, damping: float) -> tuple[float, float]:
     """Return (natural frequency [rad/s], time constant [s] of a lag before the servo) of a servo slower by `scale`.
 
-    lag  share of the slowing that the lag makes; slow commands, 2 zeta/w late, are as late with any.  Faster by a lag
-         no servo can be: then it is the frequency alone.
+    lag  share, 0 to 1, of the slowing that the lag makes; slow commands are late by 2 zeta/(w scale) with any share.  A
+         scale above 1 changes the frequency alone.
     """
     if lag == 0.0 or scale >= 1.0:
         return scale * frequency, 0.0

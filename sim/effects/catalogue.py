@@ -126,7 +126,7 @@ def pack(effects: Iterable[Effect], step: float, centre: float = math.nan) -> Ch
 
     effects  any number of each
     step     [s] of integration; UsageError if it does not resolve an effect's frequency
-    centre   [s] of the flight, or of the log: a `middle` that is not given; NaN: nobody needs it
+    centre   [s] of the flight, or of the log: a `middle` that is not given; NaN if there is none
     """
     changes = Changes()
     for each in sorted(effects, key=lambda each: (_ORDER[each.name], tuple(map(repr, each.values)))):

@@ -39,7 +39,7 @@ ENVIRONMENT_EFFECTS = (
 
 
 def change(of: Changes, name: str, p: Mapping[str, float]) -> None:
-    """Add effect `name` with parameter values p to `of`, in place: one of the air that is more than one number."""
+    """Add effect `name` with values p to `of`, in place; parameters with `into` are not added here."""
     match name:
         case "gust":
             of.timed.append((GUST_KIND, p["angle"], p["time"], p["duration"]))

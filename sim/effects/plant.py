@@ -55,7 +55,7 @@ PLANT_EFFECTS = (
 
 
 def change(of: Changes, name: str, p: Mapping[str, Any]) -> None:
-    """Add effect `name` with parameter values p to `of`, in place: a plant's that is more than one number."""
+    """Add effect `name` with values p to `of`, in place; parameters with `into` are not added here."""
     match name:
         case "control_effectiveness" | "control_loss" | "aero_instability" | "control_slope":
             of.parameters.append((name, dict(p)))

@@ -120,7 +120,7 @@ MIN_PROBABILITY = 1e-15  # a probability that no campaign can tell from 0
 
 
 def log_evidence(n: int, failures: int, probability: float, others: np.ndarray) -> float:
-    """Return log E_n of n flights with these failures against `probability`, `others` (m,) weighted equally."""
+    """Return log E_n: the evidence of n flights against `probability` for `others` (m,), weighted equally."""
     ratio = failures * np.log(others / probability) + (n - failures) * (np.log1p(-others) - math.log1p(-probability))
     largest = float(np.max(ratio))
     return largest + math.log(float(np.mean(np.exp(ratio - largest))))

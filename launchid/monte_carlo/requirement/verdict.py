@@ -56,7 +56,8 @@ def _none_below_0(allowed: int) -> int | None:
 def quantile(count: Count, flights: Flights) -> dict[str, Any]:
     """Return the order statistic that is above the metric's quantile of order 1 - probability, with the confidence.
 
-    A flight that is lost, or has no result, counts as beyond all others; null: it is one of them, or they are too few.
+    A flight that is lost, or has no result, counts as beyond all others; None if it is the statistic, or flights are
+    few.
     """
     asked = count.requirement
     rank = count.rule.allowed(count.flights) + 1
