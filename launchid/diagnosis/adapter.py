@@ -1,4 +1,4 @@
-"""A log as the filter reads it: rows, commands, the nominal's numbers along it; what knows the log room."""
+"""Turn a log into what the filter reads: rows, commands, and the nominal's numbers along the rows."""
 
 import math
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ class Track:
     """One log, ready to be filtered.
 
     t (n + 1,) [s] of the rows and the end of the last; z (n, 3) theta, theta_dot, beta, NaN where not measured
-    sub   steps between two rows;  edges (n sub + 1,) [s] their ends
+    sub   filter steps between two rows;  edges (n sub + 1,) [s] their ends
     ticks (m + 1,) [s] at which the commands (m,) [rad] change
     a6, k1 (n,) of the nominal over each row [1/s^2];  wind (n,) [rad] that is known
     """
@@ -61,8 +61,8 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """The checked log (raw: as it was read), faults, track (None: too few rows left), check of the commands, rows
-    used."""
+    """A log that was read: checked, raw, its faults, the track to filter (None: bad data or too few rows), the check of
+    its commands, and the rows used."""
 
     log: Log
     raw: Log
@@ -74,7 +74,7 @@ class Reading:
 
 
 def read(log: Log, nominal: Nominal) -> Reading:
-    """The log without its faulty rows, with every command that was issued; InputError where it holds no input."""
+    """Return the log without faulty rows, with every command that was issued; InputError if it has no input."""
     seen = examined(log, nominal)
     log, raw, data = seen.log, seen.raw, seen.data
     told = replace(data, faults=(*seen.mended, *data.faults)) if seen.mended else data
@@ -95,8 +95,8 @@ def read(log: Log, nominal: Nominal) -> Reading:
 
 
 def follow(record: Record) -> Seen | None:
-    """The attitude at every tick of a log slower than its controller, and the innovations, as the nominal follows it;
-    None: it does not stay with the log."""
+    """Filter a log slower than its controller with the nominal; return attitude at every tick and innovations, None if
+    the model leaves the log."""
     from .candidates import usual
     from .model import Model
     parts = record.every // record.tick
@@ -122,7 +122,7 @@ def follow(record: Record) -> Seen | None:
 
 
 def track_of(r: Record) -> Track:
-    """The record on its own stamps."""
+    """Return the record as a track at its rows' stamps, with the nominal's a6, k1 and wind there."""
     at = np.append(r.at, r.at[-1] + r.every)
     t = r.t[0] + at * r.step
     sub, commands = max(1, math.ceil(r.period / FILTER_STEP - 1e-9)), r.every // r.tick

@@ -1,4 +1,4 @@
-"""A diagnosis in the contract's JSON, in words for a terminal, and as an extended nominal."""
+"""Turn a diagnosis into the contract's JSON, text for a terminal, and an extended nominal."""
 
 import math
 from dataclasses import replace
@@ -27,12 +27,12 @@ DECIDES = {
 
 
 def number(x: Any) -> Any:
-    """A JSON number: null for what is not finite; words as they are."""
+    """Return a JSON number: None if not finite; texts and None unchanged."""
     return x if isinstance(x, str) or x is None else float(x) if math.isfinite(x) else None
 
 
 def would_decide(named: Named) -> list[str]:
-    """The measurements that would tell a cause from what it looks like."""
+    """Return the measurements that would tell a cause from those that look alike."""
     found = (DECIDES.get(frozenset({named.cause, other})) for other in named.alike)
     return list(dict.fromkeys(each for each in found if each))
 
@@ -42,7 +42,7 @@ def unit_of(cause: str, parameter: str) -> str:
 
 
 def extension(result: Result) -> Nominal | None:
-    """The nominal with the named causes as `[[effects]]`, which `simulate` flies and `diagnose` accepts."""
+    """Return the nominal with the named causes as `[[effects]]`; None if none is named, or a value is not allowed."""
     nominal, reading = result.nominal, result.reading
     if not result.named or result.model is None:
         return None
@@ -67,7 +67,7 @@ def extension(result: Result) -> Nominal | None:
 
 
 def report(result: Result) -> dict[str, Any]:
-    """The contract's diagnose JSON, and more."""
+    """Return the JSON of `launchid diagnose`: verdict, causes, noise, limits, what remains, held-out gain, checks."""
     r, m = result.reading, result.model
     return {
         "verdict": result.verdict, "where": result.where,
@@ -97,8 +97,8 @@ def report(result: Result) -> dict[str, Any]:
 
 
 def _limits(result: Result) -> dict[str, Any]:
-    """The size of each cause of one number that this log would have shown beside all others: what saves
-    MIN_SQUARES_SAVED squares and is Z standard errors; null where the log tells nothing of it."""
+    """Return for each cause of one number the size that this log would have shown, if all else is free: it saves
+    MIN_SQUARES_SAVED squares and is Z standard errors; null where the log says nothing of it."""
     m, el = result.model, result.elimination
     found: dict[str, Any] = {}
     if m is None or el is None:
@@ -137,7 +137,7 @@ def _gain(gain: Gain | None) -> dict[str, Any] | None:
 
 
 def headline(result: Result) -> str:
-    """The verdict in one sentence."""
+    """Return the verdict in one sentence."""
     causes = " and ".join(" or ".join((each.cause, *each.alike)) for each in result.named)
     if result.verdict == "bad-data":
         return f"BAD DATA: {len(result.reading.data.faults)} fault(s) in the log; nothing about the vehicle is claimed."
@@ -157,7 +157,7 @@ def headline(result: Result) -> str:
 
 
 def lines(result: Result) -> list[str]:
-    """The whole verdict for a terminal."""
+    """Return the whole diagnosis as lines for a terminal, the verdict first."""
     said = [headline(result)] + [f"  {fault.message}" for fault in result.reading.data.faults]
     if result.reading.used is not None:
         said.append(f"  {result.reading.used.words}")
@@ -181,7 +181,7 @@ def lines(result: Result) -> list[str]:
 
 
 def sizes(each: Named) -> str:
-    """The parameters of a cause with unit and one standard deviation."""
+    """Return a cause's parameters as text, each with unit and one standard deviation."""
     words = []
     for key, (value, std) in each.parameters.items():
         if isinstance(value, str):

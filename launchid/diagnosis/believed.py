@@ -1,7 +1,7 @@
-"""What the nominal believes besides a6 and k1, in the model's terms: its `[[effects]]`, `[drift]` and `[wind]`.
+"""Put the nominal's `[[effects]]`, `[drift]` and `[wind]` into the terms of the diagnosis' model.
 
-Most effects are nominal values of the model's numbers.  What depends on the time or on the motion (gusts, modes, the
-flight path) is a forcing that is known: it is made of the filtered motion and joins the model's.
+Most effects are nominal values of the model's numbers.  Those that depend on the time or on the motion (gusts, modes,
+flight path) are a known forcing: it is made of the filtered motion and joins the model's.
 """
 
 import math
@@ -25,9 +25,9 @@ DIFFERS = 1e-12   # from the neutral value
 
 
 class Believed(NamedTuple):
-    """numbers {name: nominal value} of those that are not neutral;  terms {library term: coefficient} of the
-    acceleration;  a6, k1 (n,) [1/s^2] with the effects on them;  z_alpha, z_beta (n,) [1/s] of the flight path;
-    walk [rad/sqrt(s)], turbulence [rad] and its time [s], initial [rad] of the wind"""
+    """The nominal's effects in the model's terms: numbers {name: nominal value} that are not neutral; terms {library
+    term: coefficient} of the acceleration; a6, k1 (n,) [1/s^2] with the effects on them; z_alpha, z_beta (n,) [1/s] of
+    the flight path; of the wind walk [rad/sqrt(s)], turbulence [rad] and its time [s], initial [rad]."""
 
     changes: Changes
     numbers: dict[str, float]
@@ -43,7 +43,7 @@ class Believed(NamedTuple):
 
 
 def believed(track: Track, servo: Actuator) -> Believed:
-    """Return what the nominal of a track believes."""
+    """Return the effects, drift and wind of a track's nominal, in the model's terms."""
     nominal, r = track.nominal, track.record
     changes = packed(nominal, centre=r.centre)
     t = track.t[:-1] + 0.5 * np.diff(track.t)
@@ -92,8 +92,8 @@ def _weather(nominal: Nominal, c: Changes) -> tuple[float, float, float, float]:
 
 def forcing(known: Believed, track: Track, terms: dict[str, float],
             motion: np.ndarray, nozzle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(moments of the vehicle and of the air (n,) [rad/s^2], shift (n, 3) of the measurements) that are known and
-    depend on time or motion.
+    """Return the known forcing that depends on time or motion: moments of vehicle and of air (n,) [rad/s^2], and shift
+    (n, 3) of the measurements.
 
     terms   those that the filter does not have;  motion (n, 3) attitude, rate and nozzle;  nozzle (n sub,) at each step
     """
@@ -125,7 +125,7 @@ def forcing(known: Believed, track: Track, terms: dict[str, float],
 
 
 def bending(nozzle: np.ndarray, w: float, zeta: float, track: Track) -> np.ndarray:
-    """The shift (n, 3) of the measurements by a mode of unit gain [rad/rad] that the nozzle (n sub,) drives."""
+    """Return the shift (n, 3) of measurements by a mode of unit gain, frequency w [rad/s], under nozzle (n sub,)."""
     shift, step = np.zeros((len(track.z), 3)), track.period / track.sub
     for channel in (0, 1):
         shift[:, channel] = mode(nozzle, w, zeta, step, (0.0, w * w * channel, w * w * (1 - channel)))[::track.sub]
@@ -134,7 +134,7 @@ def bending(nozzle: np.ndarray, w: float, zeta: float, track: Track) -> np.ndarr
 
 @kernel
 def _path(attack, beta, z_alpha, z_beta, h):
-    """The flight path (n,) [rad]: gamma' = z_alpha (attack - gamma) + z_beta beta, over each step its middle."""
+    """Return the flight path (n,) [rad] at each step's middle: gamma' = z_alpha (attack - gamma) + z_beta beta."""
     out, gamma = np.empty(len(h)), 0.0
     for i in range(len(h)):
         rate = z_alpha[i] * (attack[i] - gamma) + z_beta[i] * beta[i]
@@ -153,7 +153,7 @@ def _two_pole(x, b0, b1, b2, a1, a2, y):
 
 
 def mode(x: np.ndarray, w: float, zeta: float, period: float, top: tuple[float, float, float]) -> np.ndarray:
-    """x through (t2 s^2 + t1 s + t0)/(s^2 + 2 zeta w s + w^2), Tustin's rule prewarped at w [rad/s]."""
+    """Return x (n,) filtered by (t2 s^2 + t1 s + t0)/(s^2 + 2 zeta w s + w^2), Tustin's rule prewarped at w [rad/s]."""
     c = w / math.tan(min(0.5 * w * period, 1.5))
     a0 = c * c + 2.0 * zeta * w * c + w * w
     t2, t1, t0 = top

@@ -1,4 +1,4 @@
-"""The one table of what may be wrong: the usual numbers of the model, and the shapes beyond them, listed or not."""
+"""Table of all that may be wrong: the numbers of every model, and further shapes, with or without a cause's name."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -33,7 +33,7 @@ PLAYS, RATES = (3e-4, 8e-4, 2e-3, 5e-3, 1.5e-2), (0.02, 0.04, 0.07, 0.12, 0.2, 0
 
 
 def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with its conditions
-    """The numbers that every model has, free from their nominal values on with priors of the nominal's tolerances."""
+    """Return the numbers that every model of this log has, with nominal value, tolerance, prior and range."""
     s, d = m.scales, m.track.nominal.diagnosis
     a6, k1 = m.a6, m.k1
     has_input = bool(np.any(k1 != 0.0)) or "beta" in m.terms
@@ -118,8 +118,8 @@ def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with it
 
 
 class Column(NamedTuple):
-    """What a unit amplitude does: a moment (n,) [rad/s^2], a command (n, 1) or (n, sub) [rad], a shift (n, 3) of the
-    measurements; None: nothing."""
+    """The effect of a unit amplitude: a moment (n,) [rad/s^2], a command (n, 1) or (n, sub) [rad], a shift (n, 3) of
+    the measurements; None where there is none."""
 
     force: np.ndarray | None = None
     command: np.ndarray | None = None
@@ -128,13 +128,13 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Shape:
-    """A candidate that is fitted: its numbers' names, the linear ones first."""
+    """A candidate that is in the model: its kind, and the names of its numbers, the linear ones first."""
 
     kind: "Kind"
     names: tuple[str, ...]
 
     def columns(self, m: Model, nonlinear: tuple[float, ...]) -> list[Column]:
-        """The columns of unit amplitudes; kept, for most numbers change while these stay."""
+        """Return a column per unit amplitude at these nonlinear values; cached in m, as they change seldom."""
         key = (self.kind.name, *nonlinear)
         if key not in m.columns:
             if len(m.columns) > 400:
@@ -143,7 +143,7 @@ class Shape:
         return list(m.columns[key])
 
     def effect(self, m: Model, values: tuple[float, ...]) -> Column:
-        """What these values do together."""
+        """Return the sum of the columns times the amplitudes; values: the shape's numbers, amplitudes first."""
         if self.kind.effective:
             return Column()
         sizes, columns = values[:self.kind.linear], self.columns(m, values[self.kind.linear:])
@@ -152,15 +152,15 @@ class Shape:
         return Column(*(sum(each) if each else None for each in together))
 
     def effectiveness(self, m: Model, values: tuple[float, ...]) -> np.ndarray | float:
-        """The factor (n,) on the input's effect."""
+        """Return the factor (n,) on the input's effect, 1 unless the kind is `effective`; values: its numbers."""
         return 1.0 - values[0] * after(m, values[1]) if self.kind.effective else 1.0
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A sort of shape.
+    """A kind of candidate beyond the usual numbers.
 
-    cause       in the contract's words, "" for what is in no list
+    cause       in the contract's words, "" for a shape that has no name there
     parameters  names of its numbers, `linear` of them amplitudes
     make        (model, nonlinear values) -> its `Column`s, of unit amplitudes
     when        names of Model's flags that must all be true;  starts  the nonlinear values that a scan tries
@@ -185,7 +185,7 @@ class Kind:
         return all(getattr(m, each) for each in self.when.split())
 
     def numbers(self, m: Model, shape: Shape, nonlinear: tuple[float, ...]) -> list[Number]:
-        """The numbers of a shape that a scan found at these nonlinear values."""
+        """Return the model's numbers of a shape that a scan found at these nonlinear values, amplitudes first."""
         out = [Number(name, 0.0, 0.0, self.prior(m), 1e-3 * self.prior(m), cause=self.cause, parameter=parameter)
                for name, parameter in zip(shape.names[:self.linear], self.parameters, strict=False)]
         for name, parameter, value, (step, low, high) in zip(shape.names[self.linear:], self.parameters[self.linear:],
@@ -196,18 +196,18 @@ class Kind:
 
 
 def after(m: Model, time: float) -> np.ndarray:
-    """The share (n,) of each row's interval that lies after a time [s]."""
+    """Return the share (n,) of each row's interval that lies after a time [s]."""
     return np.clip((m.t[1:] - time) / m.dt, 0.0, 1.0)
 
 
 def _hats(m: Model, count: int) -> np.ndarray:
-    """(n, count) lines from 1 at one of so many times along the log to 0 at its neighbours."""
+    """Return (n, count) hat functions: 1 at one of `count` nodes along the log, linear to 0 at its neighbours."""
     nodes = np.linspace(-1.0, 1.0, count)
     return np.clip(1.0 - np.abs(m.tau[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
 
 
 def _tone(x: np.ndarray | float, phase: np.ndarray) -> list[Column]:
-    """The moment x (n,) [rad/s^2] times sine and cosine of a phase (n,) [rad]."""
+    """Return two columns: moment x (n,) [rad/s^2] times sine and times cosine of a phase (n,) [rad]."""
     return [Column(x * np.sin(phase)), Column(x * np.cos(phase))]
 
 
@@ -229,7 +229,7 @@ def _slosh(m: Model, frequency: float, damping: float) -> list[Column]:
 
 
 def _limited(m: Model, rate: float) -> list[Column]:
-    """What a rate limit makes of the command, less the command."""
+    """Return the change of the command by a rate limit."""
     u = m.base_input.ravel()
     out = np.empty(len(u))
     ekf.nozzle_input(u, m.widths, m.base_constants, 0.0, 0.0, rate, out)
@@ -237,7 +237,7 @@ def _limited(m: Model, rate: float) -> list[Column]:
 
 
 def _played(m: Model, width: float) -> list[Column]:
-    """What a play makes of the command, less the command."""
+    """Return the change of the command by a play of this width."""
     def get(name: str, missing: float = 0.0) -> float:
         return m.given.get(name, missing) + width * (name == "play")
 
@@ -268,8 +268,8 @@ def _windows(m: Model) -> list[tuple[float, ...]]:
 
 
 def lines_in(m: Model, e: np.ndarray, channel: int, climbs: bool = False) -> list[tuple[float, ...]]:
-    """Frequencies, of at least CYCLES, where the periodogram of a channel's whitened innovations e (r,) peaks; with the
-    climbs [rad/s^2] that make the highest peaks, each of a frequency that is not 0 on the way."""
+    """Return the frequencies [rad/s], of at least CYCLES, where the periodogram of a channel's whitened innovations e
+    (r,) peaks; climbs: pairs with the climb [rad/s^2] that makes the peak highest, for frequencies that never are 0."""
     x = np.zeros(m.n)
     mine = m.channel == channel
     x[m.rows[mine]] = e[mine]

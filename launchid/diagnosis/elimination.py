@@ -40,8 +40,8 @@ RELATED_CORRELATION = 0.3  # correlation from which another is tried in its plac
 
 @dataclass(frozen=True)
 class Group:
-    """Numbers that come and go together: the first `linear` are sizes, 0 or nominal where the group is out.  kind: a
-    name that others of the sort have too;  cause in the contract's words ("": in no list)."""
+    """Numbers that are eliminated together: indices, the first `linear` are sizes, 0 or nominal where the group is out.
+    kind: its name without a count; cause in the contract's words ("": none)."""
 
     name: str
     kind: str
@@ -56,8 +56,8 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """A group that stayed: what it saves on left-out blocks with its standard error, over what the full model saves;
-    causes that do as well in its place; the fit without it."""
+    """A group that stayed: squares saved on left-out blocks (gain), their standard error, share of what the full model
+    saves; causes that do as well in its place; numbers `without` it."""
 
     group: Group
     gain: float
@@ -70,7 +70,7 @@ class Kept:
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """Fits and left-out errors of the nominal within its tolerances, of everything free, and of what stayed."""
+    """Fits and left-out errors (r,) of the nominal within its tolerances, of everything free, of the groups kept."""
 
     nominal: Fit
     full: Fit
@@ -90,7 +90,7 @@ class Elimination:
 
 
 def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
-    """Every usual number by itself, every shape's together."""
+    """Return the groups to eliminate: each usual number by itself, each shape's numbers together; `notes` in none."""
     inside = {name for shape in m.shapes for name in shape.names}
     out = [Group(each.name, each.name, (j,), 1, each.cause, CATALOGUE[each.cause].where if each.cause else "plant",
                  has_band=each.tol > 0.0)
@@ -103,7 +103,7 @@ def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
 
 
 class Search:
-    """The elimination of one model."""
+    """The backward elimination of one model's groups; `run` does it."""
 
     def __init__(self, m: Model, notes: frozenset[int] = frozenset()) -> None:
         self.m, self.notes = m, notes
@@ -113,7 +113,7 @@ class Search:
         return float(np.clip(value, self.m.null[j] - self.m.tol[j], self.m.null[j] + self.m.tol[j]))
 
     def cost(self, fit: Fit, covariance: np.ndarray, groups: list[Group]) -> float:
-        """Squares that it costs to put the groups back, by the information (Wald 1943)."""
+        """Return the squares that it costs to put the groups back at the nominal, by the information (Wald 1943)."""
         numbers = [j for g in groups for j in g.numbers[:g.linear]]
         d = np.array([fit.p[j] - self.nearest(j, fit.p[j]) for j in numbers])
         at = [fit.at(j) for j in numbers]
@@ -121,7 +121,7 @@ class Search:
         return float(d @ np.linalg.solve(C + 1e-12 * np.diag(np.diag(C)) + 1e-300 * np.eye(len(d)), d))
 
     def without(self, fit: Fit, groups: list[Group], rounds: int = 2) -> Fit:
-        """The fit with these groups back at the nominal, the others moved as the information says, and refitted."""
+        """Return the fit with these groups back at the nominal, others moved as the information says, and refitted."""
         m = self.m
         covariance = inverse(m, fit)
         numbers = [j for g in groups for j in g.numbers[:g.linear]]
@@ -148,7 +148,7 @@ class Search:
         return gauss_newton(m, q, free, band, rounds, fit.J[:, kept] if holds else None)
 
     def is_at_an_end(self, fit: Fit, group: Group) -> bool:
-        """Whether a shape stands at an end of its range: it is then another's remainder, and none of its kind."""
+        """Whether a shape stands at an end of its range: it then fits what another leaves, and is none of its kind."""
         m, times = self.m, group.numbers[group.linear:][:group.is_event]   # an event's first is its time
         return any(not m.t[0] < fit.p[j] < m.t[-2] for j in times) or any(
             not m.low[j] * (1.0 + AT_END) < fit.p[j] < m.high[j] * (1.0 - AT_END)
@@ -169,7 +169,7 @@ class Search:
         return gain > z * error and gain > MIN_SQUARES_SAVED and gain > NAME_SHARE * removable
 
     def run(self, p: np.ndarray) -> Elimination:
-        """Eliminate from everything free at p."""
+        """Eliminate, starting from all numbers free at p; return fits, errors and the groups kept."""
         m = self.m
         everything = tuple(range(len(m.numbers)))
         full = gauss_newton(m, p, everything, frozenset(), 4)
@@ -205,11 +205,11 @@ class Search:
         return Elimination(nominal, full, fit, e_nominal, e_full, e_end, self.unit, kept, std_full, tuple(self.notes))
 
     def related(self, a: Group, b: Group) -> float:
-        """Largest correlation of two groups' sizes in the full fit."""
+        """Return the largest |correlation| between sizes of two groups in the full fit."""
         return max(float(self.correlation[i, j]) for i in a.numbers[:a.linear] for j in b.numbers[:b.linear])
 
     def clusters(self) -> list[list[Group]]:
-        """Sets of groups that correlate beyond TWIN, directly or through others."""
+        """Return the sets of groups that correlate beyond TWIN, directly or through others."""
         left, out = list(self.groups), []
         while left:
             cluster = [left.pop(0)]
@@ -223,7 +223,7 @@ class Search:
 
     def take_away(self, fit: Fit, e_nominal: np.ndarray,
                   e_end: np.ndarray) -> tuple[Fit, list[Group], np.ndarray, np.ndarray]:
-        """The loop; -> the fit, what is left, the best left-out errors on the way, those of the fit."""
+        """Take groups away while errors allow it; return fit, groups left, best left-out errors, the fit's."""
         m, live, best = self.m, list(self.groups), e_end
         for cluster in self.clusters():
             C = inverse(m, fit)
@@ -261,7 +261,7 @@ class Search:
 
     def judged(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray,
                e_end: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray, list[Group], list[Group]]:
-        """What each that is left is worth, last in, and who could stand for it; who stands better takes its place."""
+        """Judge each group left by what it saves last in, and rivals in its place; a better rival replaces it."""
         m = self.m
         for turn in range(3):
             kept, swap = [], None
@@ -302,12 +302,12 @@ class Search:
 
     def judged_without(self, gone: list[Group], fit: Fit, live: list[Group], e_nominal: np.ndarray,
                        best: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray, list[Group], list[Group]]:
-        """What each of `live` is worth when others go back to their nominal values."""
+        """Judge the groups `live` (as `judged`) with the groups `gone` back at their nominal values."""
         m, fit = self.m, self.without(fit, gone, 3)
         return self.judged(fit._replace(J=slopes(m, fit.p, fit.free)), live, e_nominal, best, left_out(m, fit))
 
     def with_other(self, rest: Fit, other: Group) -> Fit:
-        """The fit with another group in the place of one that is out."""
+        """Return the fit `rest`, from which a group is out, refitted with the group `other` in."""
         m, p = self.m, rest.p.copy()
         p[list(other.numbers)] = self.full.p[list(other.numbers)]
         free = tuple(sorted({*rest.free, *other.numbers}))

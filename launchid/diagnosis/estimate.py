@@ -15,8 +15,8 @@ LEVEL_STEP = 1.0       # of a level's logarithm, the largest in a step
 
 
 class Fit(NamedTuple):
-    """Numbers p at a minimum over those of `free`, the band's within their tolerances; e (r,) the whitened innovations
-    there, J (r, free) their slopes."""
+    """A fit at its minimum: all numbers p, the indices free, those within their tolerance (band); whitened innovations
+    e (r,), their slopes J (r, free)."""
 
     p: np.ndarray
     e: np.ndarray
@@ -30,7 +30,7 @@ class Fit(NamedTuple):
 
 @kernel
 def _gram(A, out):
-    """out (k, k): the products of the rows of A (k, n), in this thread's order alone (`sums`)."""
+    """Write the products of the rows of A (k, n) to out (k, k), summed in order on one thread (`sums`)."""
     for i in range(len(A)):
         for j in range(i + 1):
             s = 0.0
@@ -40,14 +40,14 @@ def _gram(A, out):
 
 
 def gram(J: np.ndarray) -> np.ndarray:
-    """J' J of (r, k)."""
+    """Return J' J (k, k) of J (r, k)."""
     out = np.empty((J.shape[1], J.shape[1]))
     _gram(np.ascontiguousarray(J.T), out)
     return out
 
 
 def limits(m: Model, band: frozenset[int]) -> tuple[np.ndarray, np.ndarray]:
-    """(lowest, highest) values of all numbers."""
+    """Return (lowest, highest) values of all numbers: their range, for those in the band their tolerance."""
     low, high = m.low.copy(), m.high.copy()
     for j in band:
         low[j], high[j] = max(low[j], m.null[j] - m.tol[j]), min(high[j], m.null[j] + m.tol[j])
@@ -60,7 +60,7 @@ def objective(m: Model, e: np.ndarray, p: np.ndarray) -> float:
 
 
 def slopes(m: Model, p: np.ndarray, free: tuple[int, ...]) -> np.ndarray:
-    """J (r, free) about the last filter's path, gains held."""
+    """Return the slopes J (r, free) of the whitened innovations at p by differences, the last filter's gains held."""
     base = m.white(p, frozen=True)
     J = np.empty((len(free), len(base)))
     for i, j in enumerate(free):
@@ -72,21 +72,21 @@ def slopes(m: Model, p: np.ndarray, free: tuple[int, ...]) -> np.ndarray:
 
 
 def information(m: Model, fit: Fit) -> np.ndarray:
-    """The posterior's information matrix; a number in its band is known to its tolerance."""
+    """Return the posterior's information matrix (free, free); a number in its band has its tolerance as prior."""
     prior = np.array([m.tol[j] if j in fit.band else m.prior[j] for j in fit.free])
     return gram(fit.J) + np.diag(prior**-2.0)
 
 
 def inverse(m: Model, fit: Fit) -> np.ndarray:
-    """The inverse of the information: the posterior's covariance."""
+    """Return the inverse of the information: the posterior's covariance."""
     A = information(m, fit)
     return np.linalg.inv(A + 1e-12 * np.diag(np.diag(A)))
 
 
 def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset[int] = frozenset(),
                  rounds: int = 3, J: np.ndarray | None = None) -> Fit:
-    """Minimise squares and priors over `free`, numbers held at a bound that they press against (Bertsekas 1982), in so
-    many rounds beside those that halve them; J (r, free) the slopes at p, where they are known."""
+    """Minimise squares and priors over `free`, numbers held at a bound that they press against (Bertsekas 1982); return
+    the fit.  rounds: those that do not halve the objective; J (r, free): slopes at p, if known."""
     F = np.array(free, int)
     low, high = limits(m, band)
     p = p.copy()
@@ -129,20 +129,20 @@ def gauss_newton(m: Model, p: np.ndarray, free: tuple[int, ...], band: frozenset
 
 
 def at_bound(m: Model, fit: Fit) -> list[int]:
-    """Columns of J whose numbers stand at a bound: they are not estimated."""
+    """Return the columns of J whose numbers stand at a bound, so that they are not estimated."""
     low, high = limits(m, fit.band)
     return [i for i, j in enumerate(fit.free) if fit.p[j] <= low[j] + 1e-9 or fit.p[j] >= high[j] - 1e-9]
 
 
 def likelihood(m: Model, e: np.ndarray) -> float:
-    """[nats] of the whitened innovations e (r,) of the last filter, the levels' prior with it."""
+    """Return the log likelihood [nats] of the last filter's whitened innovations e (r,), with the levels' prior."""
     d = (m.levels - m.levels0)[m.moves] / m.spread[m.moves]
     return -0.5 * (square(e) + m.log_variance + square(d))
 
 
 def level_information(m: Model, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(gradient (moves,), twice the information (moves, moves)) of -2 log likelihood in the levels' logarithms, with a
-    normal prior about the declared (Astrom 1980; Klein and Morelli 2006, eq. 6.49)."""
+    """Return (gradient (moves,), twice the information (moves, moves)) of -2 log likelihood in the levels' logarithms,
+    with a normal prior about the declared (Astrom 1980; Klein and Morelli 2006, eq. 6.49)."""
     h, e = 0.05, m.white(p)
     v = np.log(m.S.ravel()[m.flat])
     D, V = np.empty((2, len(m.moves), len(e)))
@@ -158,7 +158,7 @@ def level_information(m: Model, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def fit_levels(m: Model, p: np.ndarray, rounds: int = 3) -> None:
-    """Noise levels by Fisher scoring of the innovations' likelihood."""
+    """Fit the model's noise levels (in place) by Fisher scoring of the innovations' likelihood, with the numbers p."""
     best = likelihood(m, m.white(p))
     for _ in range(rounds):
         g, A = level_information(m, p)
@@ -177,7 +177,7 @@ def fit_levels(m: Model, p: np.ndarray, rounds: int = 3) -> None:
 
 
 def level_deviation(m: Model, p: np.ndarray, k: int) -> float:
-    """One sigma of level k."""
+    """Return the standard deviation of noise level k, in its unit."""
     C = np.linalg.inv(0.5 * level_information(m, p)[1])
     at = int(np.flatnonzero(m.moves == k)[0])
     m.white(p)

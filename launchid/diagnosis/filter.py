@@ -39,7 +39,7 @@ def _is_curved(c):
 
 @apart
 def _acceleration(x, f, c1, c2, k, am, ag, b, c, curved):
-    """omega' without kappa, and its slopes in theta, omega and b."""
+    """Return omega' without kappa's part, and its slopes in theta, omega and b."""
     a = f + c1 * x[TH] + c2 * x[OM] + k * b + c[K2] * b * b + am * x[M] + ag * x[G]
     at, aw, ab = c1, c2, k + 2.0 * c[K2] * b
     if curved:
@@ -60,8 +60,8 @@ def _acceleration(x, f, c1, c2, k, am, ag, b, c, curved):
 
 @apart
 def servo_of(c, h, s):
-    """s (9,) out: the servo over a step h: f11, f12, f21, f22 of (b - u, v), the mean's i1, i2; h; what m and g keep
-    over it."""
+    """Write a servo's step of h [s] to s (9,): transition f11, f12, f21, f22 of (b - u, v), i1, i2 of the mean of b -
+    u, h, and the shares of m and g that stay."""
     s[:] = 0.0
     s[6], s[7], s[8] = h, math.exp(-h / c[TAU_M]), math.exp(-h / c[TAU_G])
     w, z = c[W], min(c[ZETA], 0.999)
@@ -79,7 +79,7 @@ def servo_of(c, h, s):
 
 @apart
 def _move(x, u, s, f, c1, c2, k, am, ag, c, curved, F, wants):
-    """x (6,) inout over one step; F (2, 7) out: slopes of theta and omega in x and in the command."""
+    """Move x (6,) over one step, in place; F (2, 7) out: slopes of theta and omega in x and in the command."""
     h, off = s[6], x[B] - u
     b = u + s[4] * off + s[5] * x[V]
     nv = s[2] * off + s[3] * x[V]
@@ -107,7 +107,7 @@ def _move(x, u, s, f, c1, c2, k, am, ag, c, curved, F, wants):
 
 @apart
 def _update(x, P, H, e, r, K):
-    """Scalar measurement with innovation e; x, P inout, K (6,) out; -> its variance."""
+    """Correct x, P (inout) by a scalar measurement with innovation e; K (6,) out; return the innovation's variance."""
     v0 = v1 = v2 = v3 = v4 = v5 = 0.0
     for j in range(N):
         h = H[j]
@@ -132,7 +132,7 @@ def _update(x, P, H, e, r, K):
 
 @apart
 def _spread(P, T, F, s, qa, qm, qg):
-    """P (6, 6) inout over one step; T (6, 6) scratch; density of the acceleration's noise, variances of moments."""
+    """Propagate P (6, 6) over one step, in place; qa noise density of acceleration, qm, qg variances; T scratch."""
     h, em, eg = s[6], s[7], s[8]
     for i in range(N):
         p0, p1, p2, p3, p4, p5 = P[0, i], P[1, i], P[2, i], P[3, i], P[4, i], P[5, i]
@@ -160,7 +160,7 @@ def _spread(P, T, F, s, qa, qm, qg):
 
 @apart
 def _hold(g, F, s):
-    """g (6,) inout over one step: what a unit error of the command has done since it began."""
+    """Propagate g (6,) over one step, in place: the effect of a unit error of the command since it began."""
     th, om, b, v = g[TH], g[OM], g[B], g[V]
     g[TH] = F[0, TH] * th + F[0, OM] * om + F[0, B] * b + F[0, V] * v + F[0, COMMAND_SLOPE]
     g[OM] = F[1, TH] * th + F[1, OM] * om + F[1, B] * b + F[1, V] * v + F[1, COMMAND_SLOPE]
@@ -170,7 +170,7 @@ def _hold(g, F, s):
 
 @apart
 def _release(P, g, variance):
-    """P (6, 6) inout: the command's error of this variance, held until now, joins; another begins."""
+    """Add to P (6, 6), in place, the command's error of this variance, held until now; g back to 0 for the next."""
     for i in range(N):
         for j in range(N):
             P[i, j] += variance * g[i] * g[j]
@@ -179,8 +179,8 @@ def _release(P, g, variance):
 
 @apart
 def _over_row(h, u, row, c, levels, curved, wants, x, P, T, F, s, g, A):
-    """x, and P if `wants`, inout over one row in steps of h with commands u (sub,); row (6,) as of `run`, A (6,) out:
-    the slopes at its beginning; T, F, s, g scratch, g and s kept from row to row."""
+    """Propagate x, and P if `wants`, over one row in steps of h [s] with commands u (sub,); row (6,) as in `run`; A
+    (6,) out: slopes at its beginning; T, F, s, g scratch, g and s kept from row to row."""
     sub = len(u)
     if abs(h - s[6]) > 1e-9 * h:
         servo_of(c, h, s)
@@ -281,8 +281,8 @@ def run(t, z, u, rows, c, levels, P0, sub, frozen, E, S, K, X, A, C):  # noqa: P
 
 @kernel
 def nozzle_path(X, u, c, h):
-    """The nozzle (n sub,) at the beginning of each step h of commands u (n, sub), from the filtered X (n, 6) of every
-    row."""
+    """Return the nozzle (n sub,) [rad] at the start of each step h [s] of commands u (n, sub), from filtered rows X (n,
+    6)."""
     n, sub = u.shape
     s, out = np.zeros(9), np.empty(n * sub)
     servo_of(c, h, s)
@@ -297,7 +297,7 @@ def nozzle_path(X, u, c, h):
 
 @kernel
 def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
-    """The change E (n, 3) of the innovations that a small forcing makes: force (n,) [rad/s^2] and command (n,)
+    """Write the change of the innovations by a small forcing to E (n, 3): force (n,) [rad/s^2] and command (n,)
     [rad] over each row, shift (n, 3) of the measurements.  Linear, about the last filter's path."""
     n = len(z)
     x, s = np.zeros(N), np.zeros(9)
@@ -335,7 +335,7 @@ def respond(t, z, rows, c, sub, K, A, force, command, shift, E):
 
 @kernel
 def whiten(E, S, at, out):
-    """out: innovations over their deviations, those beyond 8 shortened (Huber 1964); -> the sum of log variances."""
+    """Write innovations over std to out, those beyond 8 shortened (Huber 1964); return the sum of log variances."""
     total = 0.0
     for i in range(len(at)):
         s = S[at[i]]
@@ -351,7 +351,7 @@ def whiten(E, S, at, out):
 
 @kernel
 def played(u, width, noise, out):
-    """The mean (m,) of what a play of +-width makes of commands u (m,) with a white noise on each, out.
+    """Write to out (m,) the mean of commands u (m,) [rad] behind a play of +-width, with white noise on each.
 
     The noise works its way through a play that is not far wider.  The driven side is a normal variable of mean y and
     variance v; d, what is asked of it, is one too, and moves it by what is beyond the play: by the means of that, its
@@ -377,9 +377,9 @@ def played(u, width, noise, out):
 
 @kernel
 def nozzle_input(u, h, c, lag, washout, rate, out):
-    """What acts in the place of the command u (m,), means over steps h (m,): behind a first-order lag, and less its
-    low-pass of time 1/washout; of a servo that moves no faster than `rate`, the input at which the linear servo moves
-    alike, by the trapezoidal rule, which gives u back where nothing is limited.  out (m,)."""
+    """Write to out (m,) the servo's input for commands u (m,), means over steps h (m,) [s]: behind a first-order lag,
+    and less its low-pass of time 1/washout; of a servo that moves no faster than `rate`, the input at which the linear
+    servo moves alike, by the trapezoidal rule, which gives u back where nothing is limited."""
     low, y = 0.0, u[0]
     b, v = u[0], 0.0
     w, z = c[W], c[ZETA]
@@ -417,9 +417,9 @@ def nozzle_input(u, h, c, lag, washout, rate, out):
 
 @kernel
 def ahead(t, z, u, rows, c, levels, sub, X, C, starts, spans, out, variances):
-    """out (starts, spans, 3): measured less predicted, free from the filtered states X at `starts` rows, each of
-    `spans` (increasing) rows ahead; NaN where not measured or beyond the log.  variances of them, alike, where there
-    are covariances C of X."""
+    """Write errors of open-loop predictions to out (starts, spans, 3): measured less predicted, from states X at rows
+    `starts`, `spans` (increasing) rows ahead; NaN where not measured or beyond the log.  variances: of the errors, if
+    covariances C of X are given."""
     n, wants = len(z), len(C) > 0
     x, F, s, g = np.zeros(N), np.zeros((2, N + 1)), np.zeros(9), np.zeros(N)
     P, T, A = np.zeros((N, N)), np.zeros((N, N)), np.zeros(N)

@@ -1,4 +1,4 @@
-"""What the extension gains: errors of predictions over several horizons, on blocks that nothing was fitted to."""
+"""Measure what the extension gains: prediction errors over several horizons, on blocks that nothing was fitted to."""
 
 import math
 from typing import NamedTuple
@@ -17,7 +17,7 @@ CHANNELS = ("theta", "theta_dot", "beta")
 
 
 class Gain(NamedTuple):
-    """Mean squares [unit^2] by horizon [s] and channel: errors of nominal, extended and full model, and the change."""
+    """Horizon [s] -> channel -> mean squares [unit^2]: errors of nominal, extended, full model; channel's change."""
 
     squares: dict[float, dict[str, tuple[float, float, float, float]]]
     nats: float
@@ -28,21 +28,20 @@ class Gain(NamedTuple):
         return max(self.squares)
 
     def nrmse(self, horizon: float) -> dict[str, tuple[float, float]]:
-        """Channel -> RMS errors over the RMS change, (nominal, extended)."""
+        """Return channel -> (nominal, extended): RMS prediction error over the RMS change, at this horizon [s]."""
         return {name: (math.sqrt(b / c), math.sqrt(a / c)) for name, (b, a, _, c) in self.squares[horizon].items()
                 if c > 0.0}
 
     @property
     def share(self) -> float:
-        """Share of the removable squared error that the extension leaves, 0 to 1: the mean over horizons, attitude and
-        rate."""
+        """Share, 0 to 1, of removable squared error that the extension leaves; mean over horizons, attitude, rate."""
         left = [min(max((after - full) / (before - full), 0.0), 1.0) for before, after, full, _ in self._of_motion()
                 if before > full]
         return float(np.mean(left)) if left else 0.0
 
     @property
     def floor(self) -> float:
-        """The full model's squared error over the extended one's, the mean over horizons, attitude and rate."""
+        """The full model's squared error over the extended one's; mean over horizons, attitude and rate."""
         ratios = [full / after for _, after, full, _ in self._of_motion() if after > 0.0]
         return float(np.mean(ratios)) if ratios else 1.0
 
@@ -51,8 +50,8 @@ class Gain(NamedTuple):
 
 
 def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray, is_another: bool = False) -> np.ndarray:
-    """(starts, spans, 3) errors ahead, every start under the numbers that its fold was not used for; of another log,
-    under the fit's."""
+    """Return errors ahead (starts, spans, 3), each start under numbers that its fold was not used for; is_another:
+    under the fit's (another log)."""
     out = np.full((len(starts), len(spans), 3), np.nan)
     m.white(fit.p)
     fold = starts * (MODEL_FOLDS * FOLD_PASSES) // m.n % MODEL_FOLDS
@@ -64,7 +63,7 @@ def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray, is_an
 
 
 def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float, is_another: bool = False) -> Gain:
-    """The gain of the final model over the nominal, on blocks left out, or on m's log where that is another one."""
+    """Return the gain of the final model over the nominal on blocks left out, or on m's log if `is_another`."""
     row = float(np.median(m.dt))
     stiffness = float(np.max(np.abs(m.a6))) + abs(m.terms.get("sin(theta)", 0.0))
     longest = min(GAIN_HORIZON, TURNS / math.sqrt(max(stiffness, 1e-6)))
@@ -87,6 +86,6 @@ def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float, is_anot
 
 
 def trimmed(x: np.ndarray) -> float:
-    """Mean square without the largest twentieth."""
+    """Return the mean square of x without its largest twentieth."""
     x = np.sort(x * x)
     return float(np.mean(x[:max(1, int(0.95 * len(x)))]))

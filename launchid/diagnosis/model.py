@@ -1,4 +1,4 @@
-"""The vehicle of the nominal with every usual number free: numbers in, whitened innovations of the log out."""
+"""Model of the diagnosis: the nominal's vehicle with the usual numbers free; numbers in, whitened innovations out."""
 
 import math
 import time
@@ -28,12 +28,12 @@ LOUDEST = 1e4          # times the declared, of the acceleration of a stand: nom
 
 
 class Stopped(Exception):
-    """The emergency brake: what was going on is ended, and nothing is concluded from it."""
+    """Raised when the time limit of [diagnosis] has passed: the diagnosis ends without a conclusion."""
 
 
 class Number(NamedTuple):
-    """One number of the model.  null its nominal value, tol how far from it is nobody's fault, prior one sigma, step of
-    its slope, low and high its range, cause and parameter in the contract's words ("": none of its own)."""
+    """One number of the model: null its nominal value, tol how far from it is nobody's fault, prior one sigma, step of
+    its slope, low and high its range, cause and parameter in the contract's words ("": none)."""
 
     name: str
     null: float
@@ -47,13 +47,13 @@ class Number(NamedTuple):
 
 
 def filled(x: np.ndarray) -> np.ndarray:
-    """x (n,) with lines over what was not measured; zeros where nothing was."""
+    """Return x (n,) with NaN replaced by lines between neighbours; zeros if all are NaN."""
     good = np.flatnonzero(np.isfinite(x))
     return np.interp(np.arange(len(x)), good, x[good]) if len(good) else np.zeros(len(x))
 
 
 def white_std(x: np.ndarray) -> float:
-    """One sigma of the white part of x, by its third differences; 0 of too few."""
+    """Return one sigma of the white part of x, by its third differences; 0 of ten values or fewer."""
     x = x[np.isfinite(x)]
     return float(np.std(np.diff(x, 3)) / math.sqrt(THIRD_DIFFERENCES)) if len(x) > 10 else 0.0
 
@@ -68,7 +68,7 @@ class Scales(NamedTuple):
 
 
 class Model:
-    """The track with the nominal's numbers.
+    """A track with a table of numbers: filters the log for given values of them.
 
     numbers  the table, grown by `with_shapes`;  shapes  the candidates beyond the usual numbers that are fitted
     middle   (n,) times [s] of the rows' middles from the log's own;  tau  (n,) time from -1 to 1 over the log
@@ -118,7 +118,7 @@ class Model:
         self._know()
 
     def _know(self) -> None:
-        """The forcing that the nominal's own effects are, of the motion as it is known by now."""
+        """Set the forcing by the nominal's own effects, from the motion as it is known by now."""
         rest = {name: value for name, value in self.terms.items() if name not in CURVES and name not in LINEAR_TERMS}
         self.force, self.air, self.shift = forcing(self.known, self.track, rest, self.motion, self.nozzle)
 
@@ -134,7 +134,7 @@ class Model:
                       float(np.std(command)) + 1e-12)
 
     def _levels(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(declared levels, sigma of the logarithm about them (0: not fitted), largest factor) (7,) each."""
+        """Return declared levels, sigma of their logarithm (0: not fitted), largest log factor, (7,) each."""
         nominal, r = self.track.nominal, self.track.record
         s, a, sim, c, known = nominal.sensors, nominal.actuator, nominal.simulation, self.law, self.known
         self.tick = tick = c.period if c is not None else float(np.median(self.dt))
@@ -179,7 +179,7 @@ class Model:
         return np.log(levels), spread, cap
 
     def in_weather(self, name: str) -> None:
-        """Let the air be turbulent, or its wind wander, at a level that is fitted; "": as the nominal says."""
+        """Make the air turbulent or its wind a walk (`name`), of a level that is fitted; "": as the nominal says."""
         self.levels0, self.spread, self.cap = self._levels()
         self.weather = name
         if name:
@@ -192,8 +192,8 @@ class Model:
         self.inputs.clear()
 
     def retime(self, late: float) -> bool:
-        """Put the gyro's column earlier, by the whole rows of so late a gyro [s]: no series of few terms says what it
-        does between them.  Whether there are any."""
+        """Move the gyro's column earlier by the whole rows in `late` [s]; return whether there are any: no series of
+        few terms says what such a gyro does."""
         row = float(np.median(self.dt))
         rows = round((late - self.retimed) / row)
         if rows < 1 or not self.is_flown:
@@ -214,7 +214,7 @@ class Model:
         return frozenset(self._at)
 
     def with_numbers(self, numbers: list[Number], shapes: list) -> None:
-        """Take this table of numbers; those of `shapes` stand in it."""
+        """Set the table of numbers, and the shapes whose numbers stand in it."""
         self.numbers, self.shapes = numbers, shapes
         self._at = {each.name: k for k, each in enumerate(numbers)}
         self.null, self.tol, self.prior, self.step, self.low, self.high = (
@@ -246,7 +246,7 @@ class Model:
         return get("gain", 1.0) * self.inputs[key] + get("null_angle")
 
     def arrays(self, p: np.ndarray):
-        """(z less what is known of the sensors, u, rows, constants) of the numbers p."""
+        """Return the filter's arrays for numbers p: z (n, 3) less known shifts, u (n, sub), rows (n, 6), constants."""
         at = self._at
 
         def get(name: str, missing: float = 0.0) -> float:
@@ -295,7 +295,7 @@ class Model:
                          100.0 * lv[1]**2, self.m0**2, lv[ekf.QG]**2, s.beta**2, (10.0 * s.beta)**2])
 
     def run(self, p: np.ndarray, frozen: bool = False) -> None:
-        """Filter the log with these numbers: E, S, K, X, A; frozen: E2 with the last gains."""
+        """Filter with numbers p: set E, S, K, X, A; frozen: E2 with the last gains.  Stopped after the time limit."""
         if time.monotonic() > self.brake:
             raise Stopped
         z, u, rows, c = self.arrays(p)
@@ -307,7 +307,7 @@ class Model:
             self.weight = 1.0 / np.sqrt(self.S.ravel()[self.flat])
 
     def white(self, p: np.ndarray, frozen: bool = False) -> np.ndarray:
-        """Whitened innovations (r,); frozen: with the gains and variances of the last filter."""
+        """Return the whitened innovations (r,) with numbers p; frozen: with the last filter's gains and variances."""
         self.run(p, frozen)
         if not len(self.flat):
             self._choose_rows()
@@ -316,7 +316,7 @@ class Model:
         return out
 
     def _choose_rows(self) -> None:
-        """Rows and channels that are scored: not the first, nor those after a gap, while the filter settles."""
+        """Choose rows and channels to score: not the first, nor those after a gap, while the filter settles."""
         ok, skip = np.isfinite(self.S), max(10, self.n // 200)
         for k in (0, *(np.flatnonzero(self.dt > 20.0 * self.dt[0]) + 1)):
             ok[k:k + skip] = False
@@ -326,7 +326,7 @@ class Model:
         self.block = self.rows * SCORE_BLOCKS // self.n
 
     def respond(self, force: np.ndarray, command: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        """The change (r,) of the whitened innovations that a small forcing makes, about the last filter's path."""
+        """Return the change (r,) of the whitened innovations by a small forcing, arguments as `filter.respond`."""
         z, rows, c = self.last
         E = np.empty((self.n, 3))
         sub = max(1, round(self.track.period / RESPONSE_STEP))
@@ -342,7 +342,7 @@ class Model:
         return errors, variances
 
     def settle(self) -> None:
-        """Keep the filtered motion of the last run for the columns that are made of it."""
+        """Store the filtered motion of the last run, from which forced columns are made."""
         self.motion = np.column_stack([self.X[:, 0], self.X[:, 1], self.X[:, 4]])
         predicted = self.X[1:, ekf.B] - np.sum(self.K[1:, :, ekf.B] * self.E[1:], axis=1)
         self.nozzle_rate = np.append((predicted - self.X[:-1, ekf.B]) / self.dt[:-1], 0.0)

@@ -1,4 +1,4 @@
-"""The scan: what shapes beyond the usual numbers would explain, by superposition on the whitened innovations.
+"""Scan for shapes beyond the usual numbers that would explain more, by superposition on the whitened innovations.
 
 A small forcing changes the innovations linearly, about the filter's path (`filter.respond`).  Its column, less what the
 free numbers can make of it, times the innovations is the amplitude; the square of that over the column's own is what
@@ -21,7 +21,7 @@ LOW_OVERLAP = 0.02     # of a column that the free numbers do not make: less is 
 
 
 class Found(NamedTuple):
-    """A candidate's best nonlinear values, the amplitudes there, and the sum of squares they save."""
+    """A candidate's best nonlinear values, its amplitudes there, and the squares that fitting it would save."""
 
     kind: Kind
     values: tuple[float, ...]
@@ -30,7 +30,7 @@ class Found(NamedTuple):
 
 
 class Scanner:
-    """The innovations of a fit, and the projection that takes off what its free numbers can make: y - J A^-1 J' y."""
+    """Tries shapes against the innovations of a fit, less what its free numbers can explain: y - J A^-1 J' y."""
 
     def __init__(self, m: Model, fit: Fit) -> None:
         self.m = m
@@ -42,7 +42,7 @@ class Scanner:
         self.e = e - combined(fit.J, C @ along(fit.J, e))
 
     def tried(self, kind: Kind, values: tuple[float, ...]) -> Found:
-        """What a kind saves at these nonlinear values: of the responses Y (columns, r) of unit amplitudes."""
+        """Return a kind's best amplitudes and the squares they save at these nonlinear values."""
         m, none, still = self.m, np.zeros(self.m.n), np.zeros((self.m.n, 3))
         Y = np.array([m.respond(none if force is None else force, none if command is None else command.mean(axis=1),
                                 still if shift is None else shift) for force, command, shift in kind.make(m, *values)])
@@ -56,7 +56,7 @@ class Scanner:
         return Found(kind, values, sizes, float(b @ sizes) - EACH * (len(b) + len(values) - 1))
 
     def best(self, kind: Kind) -> Found | None:
-        """The place where a kind promises most."""
+        """Return the nonlinear values at which a kind saves most; None if it does not fit the log, or has none."""
         m = self.m
         if not kind.fits(m) or not (kind.cause or m.is_flown):
             return None
@@ -83,14 +83,14 @@ class Scanner:
 
 @np.errstate(over="ignore", invalid="ignore")   # of a nominal that diverges: what overflows promises nothing
 def scan(m: Model, fit: Fit) -> list[Found]:
-    """Every kind where it promises most, the best first."""
+    """Return each kind that promises more than SQUARES_PROMISED at its best values, the best first."""
     s = Scanner(m, fit)
     found = [each for kind in CANDIDATE_KINDS if (each := s.best(kind)) is not None and each.saves > SQUARES_PROMISED]
     return sorted(found, key=lambda each: -each.saves)
 
 
 def with_shape(m: Model, p: np.ndarray, found: Found) -> np.ndarray:
-    """Take a found shape into the model's table; -> the numbers with its own at what was found."""
+    """Add a found shape to the model's table (in place); return the numbers p with the shape's, at the values found."""
     mark = f"{found.kind.name}#{sum(shape.kind is found.kind for shape in m.shapes)}."
     shape = Shape(found.kind, tuple(mark + each for each in found.kind.parameters))
     m.with_numbers([*m.numbers, *found.kind.numbers(m, shape, found.values)], [*m.shapes, shape])

@@ -1,4 +1,4 @@
-"""The one score: whitened errors of predictions on blocks left out, each fold's numbers fitted to the other folds."""
+"""The score of all choices: whitened prediction errors on blocks left out, each fold's numbers fitted to the others."""
 
 import math
 
@@ -12,18 +12,18 @@ FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
 
 
 def _once(m: Model) -> set[int]:
-    """Numbers of what happens once."""
+    """Return the indices of numbers of shapes that happen once."""
     return {m.index(name) for shape in m.shapes if shape.kind.once for name in shape.names}
 
 
 def left_out(m: Model, fit: Fit) -> np.ndarray:
-    """Errors (r,) of the rows of each fold under the numbers fitted to the other folds (Stone 1974; blocks: Burman et
-    al. 1994).  The last filter's gains hold, which must be the fit's."""
+    """Return the errors (r,) of each fold's rows under the numbers fitted to the other folds (Stone 1974; blocks:
+    Burman et al. 1994).  The last filter's gains hold, which must be the fit's."""
     return folds(m, fit)[0]
 
 
 def folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
-    """(left-out errors, numbers of each fold): from the fit to all, steps with its slopes, errors computed anew.
+    """Return left-out errors (r,) and each fold's numbers: steps from the fit to all with its slopes, errors anew.
 
     The gradient left at the fit to all is nobody's; a fold that runs away is taken linearly.  What happens once cannot
     be left out and stays as fitted: its gain must be the larger.
@@ -71,7 +71,7 @@ def folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
 
 
 def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[float, float]:
-    """(squares that 1 saves over 0, their standard error), no less than white errors of variance `unit` make.
+    """Return the squares that e1 saves over e0, and their standard error, at least that of white errors of `unit`.
 
     By blocks: of a log that the nominal's own simulation flew what a block saves goes with what it can tell, which is
     the square of the difference, and the error is that of their ratio (Cochran 1977, ch. 6).  Of a stranger's log the
@@ -112,5 +112,5 @@ def covariance(m: Model, fit: Fit, unit: float) -> np.ndarray:
 
 
 def deviations(m: Model, fit: Fit, unit: float) -> dict[int, float]:
-    """One sigma of each free number."""
+    """Return the standard deviation of each free number, by its index."""
     return dict(zip(fit.free, np.sqrt(np.diag(covariance(m, fit, unit))), strict=True))

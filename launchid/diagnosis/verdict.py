@@ -1,4 +1,4 @@
-"""The diagnosis of one log: estimate everything, take away what left-out rows do not need, and say what that means."""
+"""Diagnose one log: estimate everything, take away what left-out rows do not need, and decide what that means."""
 
 import math
 import time
@@ -44,7 +44,7 @@ INPUT_NUMBERS = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "iner
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What was found of a log."""
+    """The diagnosis of a log: verdict, where it applies, named causes, reasons against, and the fits behind it."""
 
     reading: Reading
     nominal: Nominal
@@ -66,7 +66,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """A cause with its parameters {name: (value, std)}, what the log cannot tell it from, what it saves."""
+    """A cause: parameters {name: (value, std)}, causes not told from it, nats and share of squares that it saves."""
 
     cause: str
     where: str
@@ -85,8 +85,8 @@ class Named:
 
 
 def adequacy(m: Model, fit: Fit) -> tuple[list[str], str | None]:
-    """(What speaks against a model by itself, in words; where): whitened errors that go with a signal, are larger than
-    their noise, or are no longer white."""
+    """Return what speaks against a model by itself, in words, and where: whitened errors that go with a signal, are
+    larger than their noise, or are no longer white."""
     e = m.white(fit.p)
     signals = {"the rate": m.motion[:, 1], "the rate's sign": np.sign(m.motion[:, 1]), "the attitude": m.motion[:, 0],
                "the attitude's square": (m.motion[:, 0] - m.motion[:, 0].mean())**2,
@@ -161,7 +161,7 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, bootstrap: 
 
 
 def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, say: Callable[[str], None]) -> Result:
-    """Estimate everything, take away what is not needed, decide."""
+    """Diagnose a track: fit all numbers, eliminate, decide; judge the gain on `holdout` if given."""
     say("everything free")
     notes = frozenset() if m.is_flown else frozenset(m.index(x) for x in KINEMATIC if x in m.names)
     p = everything(m)
@@ -193,7 +193,7 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
 
 
 def everything(m: Model) -> np.ndarray:
-    """The numbers with every usual one and what the scan found free; noise levels there."""
+    """Fit every usual number, the shapes that the scan finds and the noise levels; return the numbers."""
     start = limited(m) if m.is_commanded and m.is_flown else best_delay(m)
     fit = gauss_newton(m, start, tuple(range(len(m.numbers))), frozenset(), 3)
     fit_levels(m, fit.p)
@@ -214,7 +214,7 @@ def everything(m: Model) -> np.ndarray:
 
 
 def with_found(m: Model, fit: Fit, p: np.ndarray, least: float = 0.0) -> np.ndarray:
-    """The numbers p with the shapes that promise most beside a fit, at most two; p itself where none does."""
+    """Return the numbers p with the one or two shapes that promise most added to the model; p itself if none does."""
     there = {shape.kind.name for shape in m.shapes if not shape.kind.once}
     found = [each for each in scan(m, fit) if each.kind.name not in there]
     if found and found[0].saves > least:
@@ -224,9 +224,9 @@ def with_found(m: Model, fit: Fit, p: np.ndarray, least: float = 0.0) -> np.ndar
 
 
 def limited(m: Model) -> np.ndarray:
-    """The numbers to start from: with a rate limit, a play, a delay, a slower servo or a trim where one leaves clearly
-    less than none, for a servo so limited or so late, or a vehicle that its trim has lost, is no small forcing of
-    another."""
+    """Return the numbers to start from: with a rate limit, a play, a delay, a slower servo or a trim where one leaves
+    clearly less than none, for a servo so limited or so late, or a vehicle that its trim has lost, is no small forcing
+    of another."""
     plain = square(m.white(m.null))
     late = np.repeat(m.null[None], len(SERVO_DELAYS) + len(SLOW_SERVOS), axis=0)
     late[:len(SERVO_DELAYS), m.index("delay")] += SERVO_DELAYS
@@ -247,8 +247,8 @@ def limited(m: Model) -> np.ndarray:
 
 
 def weather(m: Model, fit: Fit) -> str:
-    """The weather that explains more than everything else does, with the nominal's numbers within their tolerances; the
-    model is left in it.  "": none does.
+    """Return the weather that explains more than everything else does, with the nominal's numbers within their
+    tolerances; "" if none.  The model is left in it.
 
     A walk begins at no disturbance, so what it saves of the moment that is taken to wander always is no weather's.
     """
@@ -278,7 +278,7 @@ def weather(m: Model, fit: Fit) -> str:
 
 
 def best_delay(m: Model) -> np.ndarray:
-    """The numbers to start from: with the delay at the best of a few, from which the fit finds its own."""
+    """Return numbers to start a fit from: fitted at the best of a few delays; the nominal's for a flown log."""
     if "delay" not in m.names or m.is_flown:
         return m.null
     row = float(np.median(m.dt))
@@ -296,7 +296,7 @@ def best_delay(m: Model) -> np.ndarray:
 
 
 def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Result:
-    """The verdict, a function of estimate, scores and adequacy."""
+    """Decide the verdict from the elimination, its scores and the model's adequacy."""
     nats = 0.5 * (square(el.e_nominal) - square(el.e_final))
     gain = held_out(m, el.nominal, el.final, el.full, nats)
     inadequate, misfit = adequacy(m, el.final)
@@ -349,7 +349,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
 
 
 def other_shape(m: Model, el: Elimination, k: Kept) -> str:
-    """The shape in no list that a kept number may be as well, in words; "": none.
+    """Return in words the shape without a name that a kept number may be as well; "": none.
 
     An attitude that drifts parts the columns as a gyro's bias does, and only the moment of the drift that the vehicle
     feels, which a slow disturbance may be too, tells the two apart.  A disturbance that weather leaves is neither.
@@ -372,8 +372,8 @@ def other_shape(m: Model, el: Elimination, k: Kept) -> str:
 
 
 def is_rest(m: Model, el: Elimination, k: Kept, largest: Kept) -> bool:
-    """Whether a number is what the largest cause leaves by not being the same along the log: where that changes with
-    time and its square, by as much as itself, the number is not needed."""
+    """Whether a number fits only what the largest cause leaves by not being the same along the log: where that changes
+    with time and its square, by as much as itself, the number is not needed."""
     if k is largest or k.group.is_event or largest.group.is_event:
         return False
     fit, of = el.final, largest.group.numbers[:largest.group.linear]
@@ -389,8 +389,8 @@ def is_rest(m: Model, el: Elimination, k: Kept, largest: Kept) -> bool:
 
 
 def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
-    """What speaks against a model of a log that the nominal's own simulation did not fly: "consistent" is then no claim
-    of noise alone."""
+    """Return what speaks against a model of a log that the nominal's own simulation did not fly: "consistent" is then
+    no claim of noise alone."""
     out = []
     base, error = compare(m, el.e_final, el.e_full, el.unit)
     if base > ALIKE_Z * error and base > MIN_SQUARES_SAVED:
@@ -404,7 +404,7 @@ def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
 
 
 def noted(m: Model, el: Elimination) -> list[str]:
-    """What the numbers that are notes about the columns say."""
+    """Return notes on the columns, from numbers that are no causes (gyro bias, scale, delay) and are not nominal."""
     out = []
     for j in el.notes:
         value, std = float(el.final.p[j]), el.std_full.get(j, 0.0)
@@ -442,7 +442,7 @@ EQUAL_CAUSES = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("st
 
 
 def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | None) -> str:
-    """Why a number that is kept is no cause; "": it may be one.
+    """Return why a kept number is no cause; "": it may be one.
 
     A scale of the other sign is a convention of the log or of the nominal; at the end of its range nothing is
     estimated; commands between rows that a found controller made tell nothing of the servo; the acceleration of a
@@ -466,7 +466,7 @@ def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | N
 
 
 def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None) -> list[Named]:
-    """What is found without a number of the fit: another controller, weather."""
+    """Return the causes found without a number of the fit: another controller, weather."""
     found = []
     if controller is not None and controller.is_named:
         found.append(Named("controller_mismatch", "controller", {
@@ -484,8 +484,8 @@ def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None) 
 
 
 def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
-    """A kept group in the contract's words; a sine in the place of the angle is two terms; and a servo that is later
-    and slower is one thing, of a form that is neither: an either-set, and the scale that is as late as both."""
+    """Return a kept group as causes in the contract's words; a sine in the place of the angle is two terms; a servo
+    that is both later and slower is one cause: a scale that is as late as both, not told from a delay."""
     cause = k.group.cause
     values: dict[str, tuple[Any, float | None]] = {}
     for j in k.group.numbers:

@@ -90,7 +90,7 @@ class Sampled(NamedTuple):
     period: float               # s
 
     def take(self, index: np.ndarray) -> "Sampled":
-        """Return the loops at `index` of the first axis."""
+        """Return those loops that `index` selects along the first axis."""
         return self._replace(a=self.a[index], b=self.b[index], b_reference=self.b_reference[index])
 
     def gain(self, omega: np.ndarray) -> np.ndarray:

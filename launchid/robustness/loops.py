@@ -53,7 +53,7 @@ class Loops:
     period: float            # s
 
     def take(self, index: np.ndarray) -> "Loops":
-        """Return the loops at `index`."""
+        """Return those of the m loops that `index` selects."""
         return Loops(self.moved[index], self.poles[index], self.whole[index], self.static[index], self.law, self.lag,
                      self.period)
 

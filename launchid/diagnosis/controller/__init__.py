@@ -1,1 +1,1 @@
-"""The command: whose it is, recomputed where the log lacks it, filled in where the log is too slow."""
+"""The log's commands: whose they are, recomputed where the log lacks them, filled in where it is too slow."""

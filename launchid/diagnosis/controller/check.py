@@ -1,6 +1,6 @@
-"""The check whether the logged command is the nominal controller's.  With the reference it can be recomputed exactly
+"""Check whether the logged command is the nominal controller's.  With the reference it can be recomputed exactly
 (`controller_replay`), so any difference is a difference of gains, of computing time, or of the derivative's filter.
-Of a log slower than the controller `gaps` has the check.
+A log slower than its controller is checked by `gaps`.
 """
 
 import math
@@ -27,7 +27,7 @@ COMMENSURATE = 1e-6     # relative, of the controller's period to the log's grid
 
 @dataclass(frozen=True)
 class ControllerCheck:
-    """How the logged commands differ from the nominal controller's.
+    """The difference of the logged commands from the nominal controller's, and its best explanation.
 
     before, after  rms [rad] of the difference, and after the best explanation
     kind         "gain", "delay", "filter", these joined by " and ", "unknown", or "none" when it is the nominal's
@@ -51,17 +51,17 @@ class ControllerCheck:
 
     @property
     def is_named(self) -> bool:
-        """The catalogue's `controller_mismatch` explains it, beside another filter or not."""
+        """Whether the cause `controller_mismatch` (gains, computing time) explains it, with another filter or not."""
         return not self.is_foreign and self.kind != NO_MISMATCH
 
     @property
     def is_foreign(self) -> bool:
-        """The command is not the nominal controller's, and no gains and no computing time make it so."""
+        """Whether another law gave the commands: no gains and no computing time make them the nominal controller's."""
         return self.kind in (UNKNOWN_LAW, OTHER_FILTER)
 
     @property
     def words(self) -> str:
-        """The mismatch in words: how far apart commands are, or which filter would explain it."""
+        """The difference as text: how far apart the commands are, or which filter or integral would explain it."""
         if self.kind == OTHER_FILTER and self.time_constant is not None:
             return f"a derivative time constant of {self.time_constant:.4g} s would explain it"
         if self.integral_scale is not None:
@@ -70,15 +70,14 @@ class ControllerCheck:
         return f"{self.before:.2g} rad rms apart, {self.after:.2g} after the best gains and delay"
 
     def of_kind(self, same: float, period: float) -> "ControllerCheck":
-        """The check with its kind: which parts differ by more than `same`, relative; of the period [s] for a delay."""
+        """Return the check with `kind` set: parts that differ by more than `same`, relative; a delay, of period [s]."""
         parts = {GAIN: abs(self.kp_scale - 1.0) > same or abs(self.kd_scale - 1.0) > same,
                  LATE_COMMAND: self.delay > same * period, OTHER_FILTER: self.time_constant is not None}
         return replace(self, kind=" and ".join(name for name, differs in parts.items() if differs) or NO_MISMATCH)
 
 
 def check_controller(record: Record) -> ControllerCheck | None:
-    """The check of the log's controller; None where it is not possible: no command, no reference, or no controller, or
-    rows that are slower than it."""
+    """Check a log's commands; None if it has no command, no reference or no controller, or rows are slower than it."""
     own = record.law if record.law is not None else record.nominal.controller
     if record.fine > 1 and record.law is None:
         return _check_between(record)
@@ -109,7 +108,7 @@ def check_controller(record: Record) -> ControllerCheck | None:
 
 
 def _check_between(record: Record) -> ControllerCheck | None:
-    """The check of a log whose rows fall between the controller's ticks, so that its commands are known to noise: they
+    """Check a log whose rows fall between the controller's ticks, so that its commands are known to noise: they
     are another law's where the nominal's makes less than half of them from the attitudes.  None: the nominal's law
     may have made them."""
     own, theta = record.nominal.controller, record.z[:, Z_THETA]
@@ -122,7 +121,7 @@ def _check_between(record: Record) -> ControllerCheck | None:
 
 
 def _judged(made: Replay, best: Explanation, tau: float | None, before: float, count: int) -> ControllerCheck:
-    """The check, of what explains `count` commands best."""
+    """Return the check that follows from the best explanation of `count` commands."""
     own = made.nominal.controller
     assert own is not None
     believed = constants_of(made.nominal)[[KP, KI if own.is_rate_law else KD]]
@@ -143,7 +142,7 @@ def _judged(made: Replay, best: Explanation, tau: float | None, before: float, c
 
 
 def _filtered(made: Replay, ticks: np.ndarray) -> tuple[float, Explanation]:
-    """The derivative's time constant [s] that explains the commands best, with gains and delay."""
+    """Return the derivative's time constant [s] that explains the commands best, and the explanation with it."""
     own = made.nominal.controller
     assert own is not None
 

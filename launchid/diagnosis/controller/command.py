@@ -1,4 +1,4 @@
-"""The command of every tick: the log's, or the nominal controller's recomputed, or the measured nozzle angle.
+"""Find the command of every tick: logged, recomputed by the nominal controller, or the measured nozzle angle.
 
 With the reference the controller's errors are known, so what it must have commanded is, too.  Commands that no row saw,
 of a log slower than the controller or of rows between its ticks, lie on lines between those that are logged, off by
@@ -26,7 +26,7 @@ REPEATED_ROWS = 0.2  # of the rows repeat their command: the log is faster than 
 
 
 def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
-    """The log on its grid with its commands; InputError if it holds no input (neither command, nor reference and
+    """Return the log on its grid with its commands; InputError if it holds no input (neither command, nor reference and
     controller, nor nozzle).
 
     log, nominal  the log as checked;  data  its check: rows and values that may be used
@@ -40,7 +40,7 @@ def record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
 
 
 def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
-    """The command of every tick."""
+    """Return the record with the command of every tick; InputError, naming `path`, if there is none."""
     nominal = draft.nominal
     known = np.isfinite(command)
     is_slow = draft.fine > 1 or draft.every > draft.tick
@@ -92,8 +92,8 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
 
 
 def _between_rows(draft: Record, ticks: Ticks, logged: np.ndarray) -> Record:
-    """The record of a log that did not see every command; of the rows logged (n,) [rad], NaN where there is none: the
-    others lie on the lines between them."""
+    """Return the record of a log that did not see every command; logged (n,) [rad] of the rows, NaN where there is
+    none: the others lie on the lines between them."""
     commands = issued_at(ticks, draft, logged)
     line, off, jumps = carried(logged)
     unseen = np.flatnonzero(~np.isfinite(commands))
@@ -103,7 +103,7 @@ def _between_rows(draft: Record, ticks: Ticks, logged: np.ndarray) -> Record:
 
 
 def _held(draft: Record, command: np.ndarray) -> Record:
-    """The record with the rows that share a command, where the log is faster than the controller."""
+    """Return the record with `held` set: the rows that share a command, where the log is faster than the controller."""
     if draft.tick <= draft.every:
         return draft
     held = draft.tick // draft.every
@@ -113,20 +113,20 @@ def _held(draft: Record, command: np.ndarray) -> Record:
 
 
 def in_doubt(draft: Record, off: float, unseen: float) -> Record:
-    """The record whose commands that no row saw, so many a row, are off by so much [rad] each: between ticks, where a
-    command of the grid is a mean over a row, by their mean."""
+    """Return the record with doubt in the commands that no row saw: `unseen` of them a row, each off by `off` [rad],
+    one sigma (between ticks, where a command of the grid is a mean over a row, by their mean)."""
     mean = math.sqrt(unseen) / (1.0 + unseen) if draft.fine > 1 else 1.0
     return replace(draft, between=off * mean, unsure=unsure(unseen))
 
 
 def unsure(unseen: float) -> float:
-    """[nats] a row that commands may feign of which no row saw so many a row."""
+    """Return the evidence [nats a row] that commands may fake of which `unseen` a row were not logged."""
     return UNSURE * math.sqrt(unseen)
 
 
 def _answered(draft: Record) -> Record:
-    """The record of a log without commands: those that the controller makes of the measured attitude; what it makes of
-    noise that no row saw is not among them."""
+    """Return the record of a log without commands, with those that the controller makes of the measured attitude; its
+    answer to noise that no row saw is not among them."""
     own = ticks_of(draft, np.full(draft.rows, math.nan))
     if own is None:   # of a log as fast as the controller that of every row, linear over rows without an attitude
         error, held, phase = lined(draft.z[:, Z_THETA]) - lined(draft.reference), draft.held, draft.held_phase
@@ -140,8 +140,7 @@ def _answered(draft: Record) -> Record:
 
 
 def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:
-    """The commands (n,) [rad], with that of rows that do not have it from another row at which the same one was
-    held."""
+    """Return commands (n,) [rad] in which a row without its own has it from another row of the same held command."""
     made, rows = command.copy(), np.arange(len(command))
     for by in range(1, held):
         for other in (rows - by, rows + by):
@@ -152,8 +151,9 @@ def _shared(command: np.ndarray, held: int, phase: int) -> np.ndarray:
 
 
 def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) -> np.ndarray:
-    """The commands (ticks,) [rad] of a jittered log: each held from its own stamp on, or, where a command is held over
-    rows, from the middle between the rows that it changed between; the measured nozzle linear between them."""
+    """Return the commands (ticks,) [rad] of a jittered log: each held from its own stamp on, or, where a command is
+    held over rows, from the middle between the rows that it changed between; the measured nozzle linear between
+    them."""
     ticks = draft.tick * (np.arange(draft.rows * draft.every // draft.tick) + 0.5)
     at, values = draft.at[known].astype(np.float64), command[known]
     changed = np.diff(values) != 0.0
@@ -165,7 +165,7 @@ def _placed(draft: Record, command: np.ndarray, known: np.ndarray, source: str) 
 
 
 def _is_held(changed: np.ndarray) -> bool:
-    """Whether commands, which changed (n - 1,) bool from one to the next, are held over rows: they change less often
+    """Whether commands, of which changed (n - 1,) tells the changes, are held over rows: they change less often
     than the rows come, where they change at all."""
     apart = np.diff(np.flatnonzero(changed))
     apart = apart[apart <= LONGEST_HELD]
@@ -176,8 +176,8 @@ def _is_held(changed: np.ndarray) -> bool:
 
 
 def recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
-    """The nominal controller's commands (ticks,) [rad], from measured attitude and reference, of a log that did not see
-    every tick: between rows to the attitude that lines carry."""
+    """Return the nominal controller's commands (ticks,) [rad], from reference and attitude (on lines between rows), of
+    a log that did not see every tick."""
     count = len(issued_at(ticks, r, np.full(r.rows, math.nan)))
     at, seen = ticks.phase + ticks.period * np.arange(count), np.isfinite(r.z[:, Z_THETA])
     theta = np.interp(at, r.at, carried(r.z[:, Z_THETA])[0])
@@ -188,7 +188,7 @@ def recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
 
 
 def _answer(r: Record, error: np.ndarray, first: int) -> np.ndarray:
-    """The nominal controller's commands (periods,) [rad] to errors (periods,) [rad] from its period `first` on."""
+    """Return the nominal controller's commands (periods,) [rad] to errors (periods,) [rad] from period `first` on."""
     constants = constants_of(r.nominal)
     test = excitation(r.nominal, first + len(error), constants[LAW_PERIOD])[first:]
     return issued(r.nominal, constants, error, test)[0]

@@ -1,4 +1,4 @@
-"""A log slower than its controller: the check of the controller, and the commands between rows where they follow.
+"""Logs slower than their controller: check the controller, and fill in the commands between rows where they follow.
 
 Every logged command holds what the derivative's filter knew, so with the reference the errors that the log does not
 have follow from the commands that it has: the derivative's state is known at either end of a gap (`filled`).  The check
@@ -44,14 +44,14 @@ NEAR_FILTERS = np.geomspace(0.2, 5.0, 41)  # of the derivative's time constant
 
 
 class Seen(NamedTuple):
-    """The predictions of a model that follows the log: attitude (ticks,) [rad] at every tick, innovations (rows, 3)."""
+    """A log as a model follows it: predicted attitude (ticks,) [rad] at every tick, innovations (rows, 3)."""
 
     attitude: np.ndarray
     innovations: np.ndarray
 
 
 class OnBoard(NamedTuple):
-    """The controller on board, its effects included: gains, derivative time constant and period [s], limit [rad],
+    """The controller with the nominal's effects on it: gains, derivative time constant and period [s], limit [rad],
     computing time in periods."""
 
     kp: float
@@ -63,13 +63,13 @@ class OnBoard(NamedTuple):
 
 
 def on_board(record: Record) -> OnBoard:
-    """The nominal's controller with the effects that the nominal has."""
+    """Return the nominal's controller with the nominal's effects on it."""
     kp, kd, tau, period, limit = (float(x) for x in constants_of(record.nominal)[:KI])
     return OnBoard(kp, kd, tau, period, limit, round(packed(record.nominal).computing_time / period))
 
 
 def errors_seen(record: Record, attitude: np.ndarray) -> np.ndarray:
-    """The errors (ticks,) [rad], attitude less reference: measured at the rows, of the predicted `attitude` between."""
+    """Return the errors (ticks,) [rad], attitude less reference: measured at rows, predicted (`attitude`) between."""
     m, n = record.every // record.tick, record.rows
     known, measured = np.isfinite(record.reference), np.isfinite(record.z[:, Z_THETA])
     reference = np.interp(np.arange(n * m) / m, np.arange(n)[known], record.reference[known])
@@ -79,14 +79,13 @@ def errors_seen(record: Record, attitude: np.ndarray) -> np.ndarray:
 
 
 def shifted(x: np.ndarray, by: int) -> np.ndarray:
-    """Delay an array by `by` places, repeating its first value."""
+    """Return x delayed by `by` places, its first value repeated."""
     by = min(by, len(x))
     return x if by == 0 else np.concatenate([np.repeat(x[:1], by, axis=0), x[:-by]])
 
 
 def test_issued(record: Record, late: int) -> np.ndarray:
-    """The test input (ticks,) [rad] at every tick of the commands, issued when computing takes so many periods; before
-    tick 0 there was none."""
+    """Return the test input (ticks,) [rad] in each tick's command, `late` periods after computing; 0 before tick 0."""
     first, ticks = record.first_step // record.tick - late, len(record.commands)
     test = excitation(record.nominal, max(first + ticks, 0), on_board(record).period)
     return np.concatenate([np.zeros(max(-first, 0)), test[max(first, 0):]])[:ticks]
@@ -98,7 +97,7 @@ def _derivative(of: OnBoard, error: np.ndarray, before: np.ndarray, derivative: 
 
 
 def filled(record: Record, attitude: np.ndarray, of: OnBoard) -> Record:
-    """The record with the commands of this controller, late by whole rows, between its rows.
+    """Return the record with this controller's commands between its rows, late by whole rows.
 
     With one tick between rows the commands at either end fix its error exactly; with more they correct the predicted
     ones by the least change, and noise between rows leaves the commands off.
@@ -129,8 +128,8 @@ def filled(record: Record, attitude: np.ndarray, of: OnBoard) -> Record:
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """The rest that an explanation leaves: rest (gaps,) [rad]; gains over the nominal's and their std (3,), filter tau
-    [s], how many numbers were free."""
+    """What an explanation of the commands leaves: rest (gaps,) [rad]; gains over the nominal's (3,), their std (3,),
+    filter tau [s], how many numbers were free."""
 
     rest: np.ndarray
     gains: np.ndarray
@@ -143,14 +142,14 @@ class Left:
         return max(rms(self.rest), 1e-12)   # it has a logarithm
 
     def over(self, other: "Left") -> float:
-        """Evidence [nats] over another explanation, less what a free number must bring."""
+        """Return the evidence [nats] for this explanation over another, less FREE_NUMBER per further free number."""
         return len(self.rest) * math.log(other.rms / self.rms) - FREE_NUMBER * (self.numbers - other.numbers)
 
 
 class Gaps:
-    """Fair pairs of neighbouring rows: both measured, neither command at the nozzle's limit.
+    """The gaps between neighbouring rows that may be judged: both rows measured, neither command at the nozzle's limit.
 
-    late  rows that computing takes beside the nominal's, with these a whole number of them
+    late  rows that computing takes in addition to the nominal's, with which they make whole rows
     """
 
     def __init__(self, record: Record, seen: Seen, late: int = 0) -> None:
@@ -171,8 +170,8 @@ class Gaps:
         self.noise = max(noise_std(record), COMMAND_ROUNDING)
 
     def relation(self, tau: float) -> tuple[np.ndarray, np.ndarray]:
-        """(left-hand side (gaps,) [rad], right-hand side (gaps, 3) at the nominal's gains, and of an integral [1/s] of
-        it) with this filter [s]."""
+        """Return both sides of the module's equation with filter tau [s]: left (gaps,) [rad], right (gaps, 3), for the
+        nominal's kp, kd, and an integral gain of kp times 1/s."""
         m, e, n, period = self.ticks, self.error, len(self.command), self.own.period
         alpha = tau / (tau + period)
         steps = sum(alpha**(m - j) * (e[j:(n - 1) * m + j:m] - e[j - 1:(n - 1) * m + j - 1:m])
@@ -183,7 +182,7 @@ class Gaps:
         return wanted[self.fair], np.column_stack(design)[self.fair]
 
     def left(self, tau: float, free: tuple[int, ...]) -> "Left":
-        """The rest with this filter [s], and the nominal's gains but for the free ones (0: kp, 1: kd, 2: integral)."""
+        """Fit the free gains (0: kp, 1: kd, 2: integral), the others nominal, with filter tau [s]; return the rest."""
         wanted, design = self.relation(tau)
         fixed = [k for k in range(2) if k not in free]
         wanted = wanted - design[:, fixed].sum(axis=1)
@@ -197,7 +196,7 @@ class Gaps:
         return Left(rest, gains, std, tau, len(free))
 
     def filtered(self, free: tuple[int, ...]) -> "Left":
-        """The rest with the filter that leaves least."""
+        """Fit the free gains, and the filter's time constant that leaves least; return the rest."""
         def after(tau: float) -> float:
             return self.left(tau, free).rms
 
@@ -209,14 +208,14 @@ class Gaps:
         return replace(best, numbers=best.numbers + 1)
 
     def is_noise(self, rest: np.ndarray, most: float = ATTITUDE_NOISE) -> bool:
-        """Test that `rest` is white and its rms at most `most` times what the attitude's noise leaves in a gap."""
+        """Whether `rest` is white and its rms at most `most` times what the attitude's noise leaves in a gap."""
         own = self.own
         small = most * self.noise * own.kd * own.period / (own.tau + own.period)**2
         colour = float(np.mean(rest[1:] * rest[:-1])) / max(rms(rest), 1e-12)**2
         return rms(rest) <= small and abs(colour) <= max(COLOURED, CHANCE_CORRELATION / math.sqrt(len(rest)))
 
     def check(self) -> ControllerCheck:
-        """The check of gains, filter and computing time that explain these gaps best."""
+        """Return the check with the gains, filter and computing time that explain these gaps best."""
         believed, best = self.left(self.own.tau, ()), _explained(self)
         other = abs(best.tau / self.own.tau - 1.0) > SAME_PREDICTED
         found = ControllerCheck("", believed.rms, best.rms, float(best.gains[0]), float(best.gains[1]),
@@ -230,8 +229,8 @@ class Gaps:
 
 
 def _surprises(seen: Seen) -> np.ndarray:
-    """(rows, columns) what tells how wrong the errors predicted for the ticks before a row are: its innovations, and
-    their means over some time, which a sensor that is wrong leaves."""
+    """Return (rows, columns) signals of how wrong the errors predicted before each row are: its innovations, and
+    their means over some time, which a wrong sensor leaves."""
     e = np.nan_to_num(seen.innovations[:, :2])
     total = np.concatenate([np.zeros((1, 2)), np.cumsum(e, axis=0)])
     rows = np.arange(1, len(e) + 1)
@@ -240,7 +239,8 @@ def _surprises(seen: Seen) -> np.ndarray:
 
 
 def check_gaps(record: Record, seen: Seen) -> ControllerCheck | None:
-    """The check of a slow log; None where it is not possible: without a rate the predicted errors are too poor."""
+    """Check the commands of a log slower than its controller; None where it is not possible (without a rate the
+    predicted errors are too poor)."""
     own, ticks = on_board(record), record.every // record.tick
     if not np.isfinite(record.z[:, Z_THETA_DOT]).any() or not follows(own, ticks) or own.kp == 0.0 or own.tau == 0.0:
         return None
@@ -256,12 +256,12 @@ def check_gaps(record: Record, seen: Seen) -> ControllerCheck | None:
 
 
 def follows(own: OnBoard, ticks: int) -> bool:
-    """Whether this controller's commands between rows, so many ticks apart, follow from those at them."""
+    """Whether this controller's commands between rows, `ticks` ticks apart, follow from those at the rows."""
     return own.kd != 0.0 and own.late % ticks == 0
 
 
 def _explained(gaps: Gaps) -> Left:
-    """The best explanation.
+    """Return the best explanation of the gaps.
 
     A shorter filter is much like a higher derivative gain: of as many numbers the likelier are taken, and one more only
     where it brings clearly more.

@@ -1,8 +1,8 @@
-"""Every command that the controller issued, and whether it is the nominal's.
+"""Find every command that the controller issued, and check whether it is the nominal's.
 
 A log as fast as its controller has them all.  Of a slower one with reference and commands those between rows follow
 exactly, where the controller is the nominal's or has gains that the log tells, from what a model of the vehicle saw
-there; the controller's room knows none, so the model is handed in.  Everywhere else nobody knows them: they stay on the
+there; this package has no such model, so it is an argument.  Everywhere else nobody knows them: they stay on the
 lines of `command`.
 """
 
@@ -23,7 +23,7 @@ FILLINGS = 2           # passes over a slow log: the second has the first's comm
 
 
 def with_commands(record: Record, follow: Callable[[Record], Seen | None]) -> tuple[Record, ControllerCheck | None]:
-    """The record with its missing commands, where they follow, and the controller's check.
+    """Return the record with its missing commands, where they follow, and the controller's check.
 
     follow  predicts between the rows with a model of the vehicle; None: the model does not stay with the log
     """
@@ -65,8 +65,8 @@ def with_commands(record: Record, follow: Callable[[Record], Seen | None]) -> tu
 
 
 def _confirms(told: Seen | None, believed: Seen | None) -> bool:
-    """Whether the nozzle, where it is measured, has clearly more for the controller that the gaps tell than for the
-    nominal's: it sees every command's answer, and no sensor that is wrong moves it."""
+    """Whether the nozzle, if measured, clearly supports the controller that the gaps tell (`told`) over the nominal's:
+    it answers every command, and no wrong sensor moves it."""
     if told is None or believed is None:
         return False
     (one, rows), (other, _) = ((np.nansum(each.innovations[:, Z_BETA]**2),

@@ -1,4 +1,4 @@
-"""The controller's own ticks in a log whose rows fall between them, and the commands issued at each.
+"""Find the controller's ticks in a log whose rows fall between them, and the commands issued at each.
 
 A logger that reads by a clock of its own sees a command some time after it was issued, some twice and some never.  In
 rows faster than the controller the commands' changes tell where its ticks are; in slower ones they are taken to be
@@ -29,20 +29,20 @@ AT_TICK = 1e-6    # of a period: a row so close before a tick sees its command
 
 
 class Ticks(NamedTuple):
-    """[steps of the grid] from the record's first row: one of them, from one to the next, and how far from there they
-    may be, one sigma."""
+    """The controller's ticks, in grid steps from the record's first row: phase of one of them, period, and one sigma
+    (`spread`) of their place."""
 
     phase: float
     period: float
     spread: float
 
     def of(self, at: np.ndarray) -> np.ndarray:
-        """(n,) int64: the tick whose command is seen at steps at (n,)."""
+        """Return the number (n,) int64 of the tick whose command is seen at grid steps at (n,)."""
         return np.floor((at - self.phase) / self.period + AT_TICK).astype(np.int64)
 
 
 def ticks_of(record: Record, command: np.ndarray) -> Ticks | None:
-    """The controller's, of a log that does not see all of them; None: they are the rows' own, or cannot be told.
+    """Return the controller's ticks in a log that does not see all of them; None: they are rows', or cannot be told.
 
     command  (n,) [rad] logged, NaN where it is not
     """
@@ -58,19 +58,19 @@ def ticks_of(record: Record, command: np.ndarray) -> Ticks | None:
 
 
 def noise_std(record: Record) -> float:
-    """The standard deviation [rad] of the attitude's noise, its steps included."""
+    """Return the standard deviation [rad] of the attitude's noise, quantisation included."""
     sensors = record.nominal.sensors
     return math.hypot(sensors.theta_std, sensors.theta_step / 12**0.5)
 
 
 def command_noise(record: Record) -> float:
-    """The command [rad] that the controller makes at once of the attitude's noise."""
+    """Return one sigma [rad] of the command that the controller makes at once of the attitude's noise."""
     c = constants_of(record.nominal)
     return float(abs(c[KP] + c[KD] / (c[LAW_TIME_CONSTANT] + c[LAW_PERIOD]))) * noise_std(record)
 
 
 def falls_between(record: Record, command: np.ndarray) -> bool:
-    """Whether the rows' attitudes are not those that the controller answered: no linear law of some rows gives the
+    """Whether the controller answered other attitudes than the rows': no linear law of some rows gives the
     commands (n,) [rad] (NaN: not logged) of the next one but for what noise makes of a command."""
     if record.nominal.controller is None or noise_std(record) == 0.0 or not np.isfinite(command).any():
         return False
@@ -92,8 +92,8 @@ def falls_between(record: Record, command: np.ndarray) -> bool:
 
 
 def _told(at: np.ndarray, command: np.ndarray, period: float, limit: float) -> Ticks | None:
-    """The ticks of commands (n,) at steps at (n,) so that they change where ticks are between rows, and nowhere else;
-    those at the limit need not."""
+    """Return the ticks at which commands (n,), seen at grid steps at (n,), change between rows, and at no others (those
+    at the limit need not); None if none fit."""
     free = np.abs(command[1:]) < limit
     changed = (np.diff(command) != 0.0)[free]
     if changed.size == 0 or not STAYS <= np.mean(~changed) <= 1.0 - STAYS:
@@ -114,7 +114,7 @@ def _told(at: np.ndarray, command: np.ndarray, period: float, limit: float) -> T
 
 
 def between(record: Record, ticks: Ticks) -> Record:
-    """The record of rows between these ticks, whose servo's timing is as free as the ticks are unknown."""
+    """Return the record with the nominal's tolerance of timing widened by the uncertainty of these ticks."""
     if ticks.spread == 0.0:
         return record
     own, diagnosis = record.nominal.controller, record.nominal.diagnosis
@@ -125,7 +125,7 @@ def between(record: Record, ticks: Ticks) -> Record:
 
 
 def issued_at(ticks: Ticks, record: Record, command: np.ndarray) -> np.ndarray:
-    """(ticks,) [rad] commands from the tick before the first row to that of the record's last step; NaN: not logged.
+    """Return commands (ticks,) [rad], NaN if not logged, from the tick before the first row to the last step's.
 
     command  (n,) [rad] of the rows, NaN where it is not logged
     """
@@ -136,7 +136,7 @@ def issued_at(ticks: Ticks, record: Record, command: np.ndarray) -> np.ndarray:
 
 
 def over_grid(ticks: Ticks, record: Record, commands: np.ndarray) -> np.ndarray:
-    """(grid's ticks,) [rad] mean over each of commands (ticks,) that are held from tick to tick."""
+    """Return the means (grid's ticks,) [rad] over each grid tick of commands (ticks,) held from tick to tick."""
     count = record.rows * record.every // record.tick
     if ticks.period == record.tick:
         return commands[:count]
@@ -147,17 +147,17 @@ def over_grid(ticks: Ticks, record: Record, commands: np.ndarray) -> np.ndarray:
 
 
 def lined(commands: np.ndarray) -> np.ndarray:
-    """The values (ticks,) with lines over those that are not logged."""
+    """Return the values (ticks,) with NaN replaced by lines between their neighbours."""
     known, index = np.isfinite(commands), np.arange(len(commands))
     return np.interp(index, index[known], commands[known])
 
 
 def carried(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(The part of values x (n,) of rows, NaN: not logged, that lines carry to what lies between rows; by how much such
-    lines are off the rows, 0 where there is none; rows (n,) bool where the values jump, in which that is no noise).
+    """Split x (n,) of rows, NaN: not logged, into the line (n,) that carries over to between rows, how far (n,) it is
+    off the rows (0 where not logged), and whether x jumps there (n,) bool, so that this is no noise.
 
-    It is a mean over neighbours, with the weights with which those at twice the distance give the rows themselves where
-    nothing jumps: noise of a row alone is in no other's.
+    The line is a mean over neighbours, with the weights with which those at twice the distance give the rows themselves
+    where nothing jumps: noise of a row alone is in no other's.
     """
     known, rows = np.isfinite(x), np.arange(len(x))
     whole = lined(x)

@@ -1,1 +1,1 @@
-"""The log itself: what is wrong with it, what of it may be used, and its rows on a uniform grid."""
+"""The log itself: its faults, the rows that may be used, and its rows on a uniform grid."""

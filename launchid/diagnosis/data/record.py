@@ -1,4 +1,4 @@
-"""A log on a uniform grid: what every fit of the diagnosis reads.
+"""A log on a uniform grid, as every fit of the diagnosis reads it.
 
 Rows are the log's, one to each period; missing rows are rows without measurement.  Time is cut three ways: steps of the
 grid, controller ticks (each holds one command) and rows.  Where stamps jitter, or rows fall between the controller's
@@ -40,7 +40,7 @@ LONG_STEP = 1.75         # median periods: longer steps are gaps (`stamps.GAP`) 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One log as the predictor reads it.
+    """One log on a uniform grid, with its commands and nominal.
 
     z           (n, 3) theta [rad], theta_dot [rad/s], beta [rad]; NaN where not measured
     commands    (ticks,) [rad] before delay and noise
@@ -92,24 +92,24 @@ class Record:
 
     @property
     def t(self) -> np.ndarray:
-        """The grid's clock (n,) [s], which is what effects with a time read."""
+        """The rows' times (n,) [s] on the grid's clock, which effects with a time use."""
         return np.round((self.first_step + self.at) * self.step, CLOCK_DIGITS)
 
     @property
     def centre(self) -> float:
-        """The grid's clock [s] between first and last row, about which a slope turns."""
+        """The middle [s] between first and last row on the grid's clock, about which `control_slope` turns."""
         return (self.first_step + 0.5 * self.every * (self.rows - 1)) * self.step
 
 
 def no_servo(period: float) -> Actuator:
-    """The servo that stands for none where rows are a period [s] apart."""
+    """Return a servo so fast that it stands for none, for rows `period` [s] apart."""
     return Actuator(natural_frequency=max(DIRECT_INPUT / period, SLOWEST_DIRECT), damping_ratio=DIRECT_DAMPING)
 
 
 def as_seen(servo: Actuator, period: float) -> Actuator:
-    """The servo as rows a period [s] apart can show it: without a second pole that is far faster than they and the
-    first, it is one of first order as late.  A servo of first order may have been written so, and is then no other:
-    what slows it slows the pole that is seen."""
+    """Return the servo as rows `period` [s] apart can show it: if its second pole is far faster than rows and
+    first pole, a first-order servo with the same lag.  A servo of first order may have been written so, and is then no
+    other: what slows it slows the pole that is seen."""
     if servo.is_first_order or not servo.damping_ratio > 1.0:
         return servo
     fast = fastest_pole(servo.frequency, servo.damping_ratio)
@@ -120,7 +120,7 @@ def as_seen(servo: Actuator, period: float) -> Actuator:
 
 
 def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) -> tuple[Record, np.ndarray]:
-    """(The log on its grid, yet without commands; the logged command (n,) [rad], NaN where there is none).
+    """Return the log on its grid, still without commands, and the logged command (n,) [rad], NaN where there is none.
 
     log   as it was checked;  data  its check: rows and values that may be used;  between  rows are known to fall
     between the controller's ticks.  InputError where no grid holds it
@@ -174,8 +174,8 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
 
 
 def _period(t: np.ndarray, nominal: Nominal) -> float:
-    """Median step [s], of a jittered log the mean without gaps, taken as a whole number (or part) of controller periods
-    where it is within 1 % of one."""
+    """Return the median step [s], of a jittered log the mean without gaps, rounded to a whole number (or part) of
+    controller periods if within 1 % of one."""
     steps = np.diff(t)
     period = float(np.median(steps))
     usual = steps[steps < LONG_STEP * period]

@@ -1,4 +1,4 @@
-"""The rows of a log that are fitted: all of an ordinary log, of a larger one so many that an answer comes in time.
+"""Choose the rows to fit: all of an ordinary log, of a larger one as many as are answered in time.
 
 A log that is fast for its vehicle is thinned: every k-th row keeps its measurements, all commands stay, and nothing is
 averaged or late.  What is longer still is cut to the stretch in which the commands move most.  Both lose information
@@ -24,8 +24,7 @@ MOTION_STEP = 0.3      # rad of the nominal's own motion, of frequency |a6|^1/2,
 
 
 class Used(NamedTuple):
-    """The part of a log that is fitted: every `every`-th row, `rows` of them, from `begin` to `end` [s, the log's
-    clock]."""
+    """The rows of a log that are fitted: `rows` of them, one in `every`, from `begin` to `end` [s, the log's clock]."""
 
     rows: int
     every: int
@@ -34,13 +33,13 @@ class Used(NamedTuple):
 
     @property
     def words(self) -> str:
-        """One line."""
+        """The choice of rows as one line of text."""
         return f"{self.rows} rows are fitted, one in {self.every} from {self.begin:.6g} to {self.end:.6g} s"
 
 
 def sparser(data: DataCheck, t: np.ndarray, nominal: Nominal) -> DataCheck:
-    """The check with so many of the usable rows, for a log of a test stand without servo, stamps t (n,) [s]; for others
-    with all."""
+    """Return the check with so many rows usable as are fitted, if the log is a test stand's without servo; t (n,) [s]
+    stamps."""
     rows = np.flatnonzero(data.usable)
     if nominal.actuator is not None or nominal.controller is not None or len(rows) <= ROWS_FITTED:
         return data
@@ -66,8 +65,8 @@ def shortened(record: Record) -> Record:
 
 
 def used(record: Record, t: np.ndarray) -> tuple[Record, Used | None]:
-    """(The record with at most ROWS_FITTED rows, what they are of the log's usable stamps t (n,) [s]); None where
-    that is all of them."""
+    """Return the record with at most ROWS_FITTED rows, and which rows of the log's usable stamps t (n,) [s] they are:
+    None if all."""
     every = _every(record.rows, record.period, record.nominal, record.t + record.shift)
     made = thinned(record, record.held * max(1, round(every / record.held))) if every > 1 else record
     made = cut(made, ROWS_FITTED) if made.rows > ROWS_FITTED else made
@@ -78,8 +77,9 @@ def used(record: Record, t: np.ndarray) -> tuple[Record, Used | None]:
 
 
 def thinned(record: Record, every: int) -> Record:
-    """Every so many rows, a multiple of `held`, from the first on at which a command is issued.  Of a jittered log so
-    many parts of a command become one: its place is as exact for the rows that are left as it was for all."""
+    """Return the record with one row in `every`, a multiple of `held`, from the first row at which a command is issued.
+    In a jittered log `every` parts of a command become one: its place is as exact for the rows left as it was for
+    all."""
     first, held = record.held_phase, record.held
     begin = int(record.at[first])
     kept = slice(first, None, every)
@@ -104,7 +104,7 @@ def thinned(record: Record, every: int) -> Record:
 
 
 def cut(record: Record, most: int) -> Record:
-    """The stretch of so many rows in which the commands move most."""
+    """Return the stretch of `most` rows in which the commands move most."""
     ticks = record.every // record.tick
     moved = np.concatenate([[0.0], np.abs(np.diff(record.commands))])
     by_row = np.add.reduceat(moved, np.arange(0, len(moved), ticks))[:record.rows]

@@ -1,1 +1,1 @@
-"""The report of a diagnosis: one page, its figures."""
+"""The report of a diagnosis: one HTML page and its figures."""

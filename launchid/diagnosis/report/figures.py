@@ -1,4 +1,4 @@
-"""The figures of a diagnosis: what was measured and what was predicted, prediction errors, what each cause is worth."""
+"""Draw a diagnosis: measured and predicted motion, prediction errors, the worth of each cause."""
 
 from collections.abc import Callable
 
@@ -22,7 +22,7 @@ AFTER = {"color": "#12355b", "linewidth": 1.0}
 
 
 def shown(result: Result) -> list[tuple[str, dict, Fit]]:
-    """The nominal, and the model with its causes where there are any: label, style, fit."""
+    """Return (label, line style, fit) of the nominal, and of the model with its causes if any are named."""
     el = result.elimination
     assert el is not None
     both = [("nominal", BEFORE_LINE, el.nominal)]
@@ -30,7 +30,7 @@ def shown(result: Result) -> list[tuple[str, dict, Fit]]:
 
 
 def misfit(result: Result) -> Figure | None:
-    """Measured and predicted change of the attitude (or the rate) over the longest horizon, on blocks left out."""
+    """Return a figure of measured and predicted change of attitude (or rate) ahead; None without held-out gain."""
     m, gain = result.model, result.gain
     if m is None or gain is None:
         return None
@@ -62,7 +62,7 @@ def misfit(result: Result) -> Figure | None:
 
 
 def innovations(result: Result) -> Figure | None:
-    """Innovations of each channel with their bands, before and after."""
+    """Return a figure of each channel's innovations and 3 sigma, nominal and with causes; None without a model."""
     m = result.model
     if m is None:
         return None
@@ -89,7 +89,7 @@ def innovations(result: Result) -> Figure | None:
 
 
 def worth(result: Result) -> Figure | None:
-    """What each cause saves on blocks left out, last in, and what else was fitted and kept."""
+    """Return a figure of the nats that each cause kept saves on blocks left out; None if none was kept."""
     el, m = result.elimination, result.model
     if el is None or m is None or not el.kept:
         return None
@@ -105,7 +105,7 @@ def worth(result: Result) -> Figure | None:
 
 
 def drawable(result: Result) -> tuple[str, ...]:
-    """The pictures that this diagnosis may have."""
+    """Return the file names of the figures that this diagnosis may have."""
     return ("faults.png",) if result.model is None else tuple(REPORT_FIGURES)
 
 

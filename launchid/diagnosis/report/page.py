@@ -1,4 +1,4 @@
-"""One page that needs no network, the verdict as JSON, the extended nominal, the figures."""
+"""Write the report of a diagnosis: an HTML page that needs no network, JSON, the extended nominal, the figures."""
 
 import json
 from pathlib import Path
@@ -36,8 +36,8 @@ Drawn = list[tuple[str, bytes, dict[str, Any] | None]]
 def write_report(result: Result, answer: dict[str, Any], folder: str | Path, beside: Comparison | None = None) -> None:
     """Write report.html, verdict.json, extension.toml (if the model was extended) and the figures into a folder.
 
-    `beside`: the log beside the nominal and its extension; None: they cannot be compared.  Files of an earlier report
-    that this one lacks are removed.  InputError in one line if it cannot be written.
+    `beside`: the log compared with the nominal and its extension; None: they cannot be compared.  Files of an earlier
+    report that this one lacks are removed.  InputError in one line if it cannot be written.
     """
     path = make_folder(folder)
     try:
@@ -55,7 +55,7 @@ def write_report(result: Result, answer: dict[str, Any], folder: str | Path, bes
 
 
 def _draw(result: Result, folder: Path) -> Drawn | None:
-    """The figures, written and as PNG; None without matplotlib."""
+    """Write the figures; return (name, PNG, figure as JSON) of each, None without matplotlib."""
     try:
         from ...charts.figure import figure_json
         from .figures import REPORT_FIGURES, drawable, save
@@ -72,7 +72,7 @@ def _draw(result: Result, folder: Path) -> Drawn | None:
 
 
 def page(result: Result, answer: dict[str, Any], drawn: Drawn | None, compared: str = "") -> str:
-    """The whole page."""
+    """Return the report's HTML page; drawn: its figures (None without matplotlib), compared: HTML of the comparison."""
     pictures = f"<p>{text(NO_FIGURES)}</p>" if drawn is None else "".join(
         picture(name.partition(".")[0], *PICTURES[name], png, live) for name, png, live in drawn)
     said = (*result.doubts, *result.remaining, *result.notes)
@@ -95,7 +95,7 @@ def page(result: Result, answer: dict[str, Any], drawn: Drawn | None, compared: 
 
 
 def _first(result: Result, answer: dict[str, Any]) -> str:
-    """The verdict in plain words."""
+    """Return the verdict in plain words, as HTML."""
     said = [f"<p>{text(headline(result))}</p>"]
     if result.named:
         said.append(list_of([f"{text(each.cause)}: {text(sizes(each))}" for each in result.named]))
