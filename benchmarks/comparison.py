@@ -70,11 +70,9 @@ def edges(log: Log, window: float) -> np.ndarray:
 # --- launchid itself -------------------------------------------------------------------------------------------------
 
 def launchid(log: Log, window: float, model: Model, tracked: bool = False, **choices: Any) -> np.ndarray:
-    """Run launchid's Estimator; return a6, k1 (windows, 2).  tracked: estimates at the window's end of all data.
-
+    """Run launchid's Estimator; return a6, k1 (windows, 2); tracked: estimates at the window's end of all data.
     `difference` with ten terms is Navarro-Tapia et al.'s way, and Brunton, Proctor & Kutz, PNAS 113, 2016, with
-    launchid's five-point differences; only `filtered`, its noise declared, knows the model.
-    """
+    launchid's five-point differences; only `filtered`, its noise declared, knows the model."""
     if choices["formulation"] == "filtered":
         choices |= {"model": model, "noise": "declared"}
     estimator = Estimator(Config(window=window, sample_period=log.period, **choices))
@@ -91,7 +89,7 @@ def launchid(log: Log, window: float, model: Model, tracked: bool = False, **cho
 
 @functools.lru_cache(maxsize=32)
 def _weak_library(rows: int, period: float, half_width: float) -> Any:
-    """pysindy's weak library of theta and beta on a window's time grid; its random subdomains are always the same."""
+    """Return pysindy's weak library of theta and beta on a window's time grid; its random subdomains are seeded."""
     import pysindy
 
     state = np.random.get_state()
@@ -128,17 +126,15 @@ def pysindy_weak_tuned(log: Log, window: float, model: Model) -> np.ndarray:
 # --- parameters as states --------------------------------------------------------------------------------------------
 
 def walk(period: float, window: float) -> float:
-    """Return the variance per row of the relative random walk of a parameter, matched to the window [s].
-
-    A random walk whose std after one window is the std that one window's data give makes the steady-state memory one
-    window.  The bounds of the nominals are about 0.15 s / window (15, 3, 1.5 % for 1, 5, 10 s): DRIFT.
-    """
+    """Return the variance per row of a parameter's relative random walk, matched to the window [s]: its std after one
+    window is the std that one window's data give, DRIFT/window for these nominals (15, 3, 1.5 % for 1, 5, 10 s), so the
+    memory is one window."""
     return (DRIFT / window) ** 2 * period / window
 
 
 def _nozzle(model: Model, h: float) -> np.ndarray:
-    """Rows beta, beta_dot after a step h and the integral and double integral of beta over it, as functions of
-    (beta, beta_dot, held command): shape (4, 3).  Matrix exponential by its Taylor series."""
+    """Return rows (4, 3): beta, beta_dot after a step h [s], integral and double integral of beta over it, as functions
+    of (beta, beta_dot, held command).  Matrix exponential by its Taylor series."""
     w = model.natural_frequency
     a = np.zeros((5, 5))
     a[0, 1] = a[1, 2] = a[2, 3] = 1.0

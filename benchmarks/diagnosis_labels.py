@@ -70,10 +70,8 @@ TAKEN = {each.name for each in fields(Case)} - {"source", "options", "group"}
 
 
 def read_set() -> tuple[list[Case], dict[str, Any]]:
-    """Return the cases in the order of the file, and the nominals that it brings: {name: TOML table}.
-
-    ValueError naming the case if a part of it is unknown, missing or there twice.
-    """
+    """Return the cases in the order of the file, and the nominals that it brings: {name: TOML table}.  ValueError
+    naming the case if a part of it is unknown, missing or there twice."""
     table = tomllib.loads(SET.read_text(encoding="utf-8"))
     cases: list[Case] = []
     for group, of_group in table["groups"].items():
@@ -86,7 +84,7 @@ def read_set() -> tuple[list[Case], dict[str, Any]]:
 
 
 def _case(group: str, given: dict[str, Any], of_group: dict[str, Any], sets: dict[str, list[str]]) -> Case:
-    """A case: what its group gives all of its cases, and what it says itself."""
+    """Return a case from its own table and its group's; ValueError naming it if a part is wrong."""
     both = {key: value for key, value in (of_group | given).items() if key != "cases"} \
         | {"words": given.get("words", "")}
     name = f"{group}/{given['name']}"
@@ -109,12 +107,12 @@ def _case(group: str, given: dict[str, Any], of_group: dict[str, Any], sets: dic
 
 
 def _spread(name: str, sets: dict[str, list[str]]) -> str:
-    """The name, with those of a set of the file in the place of "@SET"."""
+    """Return the name with "@SET" replaced by the names of that set of the file."""
     return re.sub(r"@(\w+)", lambda found: "/".join(sets[found[1]]), name)
 
 
 def _names(of: Iterable[str]) -> set[str]:
-    """The single names of answers: "a+b/c" has three."""
+    """Return the single names in answers: "a+b/c" has three."""
     return {name for each in of for name in re.split(r"[+/]", each)}
 
 

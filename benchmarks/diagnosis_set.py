@@ -186,7 +186,7 @@ def _answered(given: tuple[Any, ...], case: Case) -> Row:
 
 
 def _begun() -> None:
-    """A worker: an interruption is for the process that started it."""
+    """Prepare a worker: ignore Ctrl-C, which the starting process handles, and load the compiled code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warmed()
 
@@ -261,7 +261,7 @@ def line(name: str, cases: list[Case], by_name: list[dict[str, Row]]) -> str:
 
 
 def _columns(cells: list[str], runs: int) -> str:
-    """A line of the table: wide enough for so many runs."""
+    """Return cells as one line of the table, columns wide enough for this number of runs."""
     widths = (16, 5, *([9] * 3 if runs > 1 else [7] * 3), *([17, 13, 13, 13] if runs > 1 else [11, 11, 8, 8]))
     return f"{cells[0]:{widths[0]}} " + " ".join(f"{cell:>{width}}" for cell, width in
                                                zip(cells[1:], widths[1:], strict=True))

@@ -91,7 +91,7 @@ Maker = Callable[[Case, str, dict[str, Any], tuple[Path, ...]], Made]
 
 
 def _hidden(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Path, ...]) -> Made:
-    """A flight of the independent generator; its columns that are dropped were never written."""
+    """Fly the independent generator; columns that are dropped were never written."""
     options, nominal = case.options, load_nominal(case.nominal)
     given = {key: options[key] for key in ("rate", "reference", "duration") if key in options}
     given |= {"drop": tuple(options.get("drop", ()))}
@@ -108,7 +108,7 @@ def _hidden(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Path
 
 
 def _simulated(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Path, ...]) -> Made:
-    """A flight of the project's own simulator."""
+    """Fly the project's own simulator with the effects `name`."""
     options, nominal = case.options, named_nominal(case.nominal, nominals)
     if "duration" in options:
         nominal = dataclasses.replace(nominal, simulation=dataclasses.replace(nominal.simulation,
@@ -119,13 +119,13 @@ def _simulated(case: Case, name: str, nominals: dict[str, Any], folders: tuple[P
 
 
 def _rebuilt(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Path, ...]) -> Made:
-    """A stand of known truth."""
+    """Fly a stand of known truth."""
     columns = getattr(public_flights, name)(**case.options.get("with", {}))
     return log_of_values(case.name, columns), named_nominal(case.nominal, nominals), {}, ()
 
 
 def _foreign(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Path, ...]) -> Made:
-    """A flight of JSBSim's launcher, and the nominal of its own numbers."""
+    """Fly JSBSim's launcher, with the nominal of its own numbers."""
     try:
         from foreign import j246_cases
     except ImportError:
@@ -142,7 +142,7 @@ def _foreign(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Pat
 
 
 def _log(case: Case, name: str, nominals: dict[str, Any], folders: tuple[Path, ...]) -> Made:
-    """A measured log, and its nominal: built in, of the set, or NAME.toml beside the log."""
+    """Read a measured log, and its nominal: built in, of the set, or NAME.toml beside the log."""
     path = next((folder / f"{name}.csv" for folder in (MEASURED_LOGS, PUBLIC, *folders)
                  if (folder / f"{name}.csv").is_file()), None)
     if path is None:
@@ -181,31 +181,31 @@ def as_command(log: Log) -> Log:
 
 
 def _scaled(columns: Columns, name: str, by: str) -> Columns:
-    """A channel in another unit, or of the other sign."""
+    """Return the columns with one scaled: another unit, or the other sign."""
     return columns | {name: float(by) * columns[name]}
 
 
 def _swapped(columns: Columns, first: str, second: str) -> Columns:
-    """Two channels under each other's name."""
+    """Return the columns with two under each other's name."""
     return columns | {first: columns[second], second: columns[first]}
 
 
 def _lost(columns: Columns) -> Columns:
-    """The columns without some rows, drawn one by one."""
+    """Return the columns without a share LOST of rows, drawn one by one."""
     rows = len(columns["t"])
     kept = np.sort(np.random.default_rng(DRAWN).choice(rows, round((1.0 - LOST) * rows), replace=False))
     return {name: values[kept] for name, values in columns.items()}
 
 
 def _spiked(columns: Columns, name: str) -> Columns:
-    """One row of nonsense."""
+    """Return the columns with a spike of SPIKE in one row of a channel."""
     values = columns[name].copy()
     values[len(values) // 2] += SPIKE
     return columns | {name: values}
 
 
 def _frozen(columns: Columns, name: str) -> Columns:
-    """A link that stops for a while: the last value again and again."""
+    """Return the columns with a channel that repeats one value for a while, as a link that stops."""
     values, rows = columns[name].copy(), len(columns["t"])
     first, last = (round(part * rows) for part in STOPPED)
     values[first:last] = values[first]
@@ -213,18 +213,18 @@ def _frozen(columns: Columns, name: str) -> Columns:
 
 
 def _thinned(columns: Columns, every: str) -> Columns:
-    """A logger that writes every so many rows only."""
+    """Return every so many rows only."""
     return {name: values[::int(every)] for name, values in columns.items()}
 
 
 def _clipped(columns: Columns, name: str, part: str) -> Columns:
-    """A sensor that saturates at this part of its largest value."""
+    """Return the columns with a channel cut at this part of its largest value: a sensor that saturates."""
     top = float(part) * np.nanmax(np.abs(columns[name]))
     return columns | {name: np.clip(columns[name], -top, top)}
 
 
 def _early(columns: Columns, name: str, rows: str) -> Columns:
-    """A channel whose stamps are older than they say, by whole rows."""
+    """Return the columns with a channel moved earlier by whole rows: its stamps are older than they say."""
     return columns | {name: np.concatenate([columns[name][int(rows):], columns[name][-1:].repeat(int(rows))])}
 
 

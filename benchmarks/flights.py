@@ -56,10 +56,9 @@ def arguments(doc: str, parts: Iterable[str] = (), **defaults: Any) -> argparse.
 
 
 class Table:
-    """A table on the terminal: `Table("nominal 16", "RMS/bound 9.3f")` prints its head, `row` a line.
-
-    A column is a heading and the format of its cells, of text the width alone.  missed: rows that miss their demand.
-    """
+    """A table on the terminal: `Table("nominal 16", "RMS/bound 9.3f")` prints its head, `row` a line.  A column is a
+    heading and the format of its cells (of text the width alone).  missed: the number of rows that miss their
+    demand."""
 
     def __init__(self, *columns: str) -> None:
         self.missed = 0

@@ -131,11 +131,9 @@ def worst(a6: float, k1: float) -> float:
 
 
 def close_times(repeats: int) -> dict[str, tuple[np.ndarray, float]]:
-    """Return tool -> (times [us], worst relative error) of closing one window, 100 rows x ten terms.
-
-    Processor time, but of the exported C, whose clock is the wall's.  All get theta_ddot exactly; numpy, pysindy and
-    plain C get the exact beta_dot too, which launchid differences.
-    """
+    """Return tool -> (times [us], worst relative error) of closing one window, 100 rows x ten terms: processor time,
+    but of the exported C, whose clock is the wall's.  All get theta_ddot exactly; numpy, pysindy and plain C get the
+    exact beta_dot too, which launchid differences."""
     t, states, slopes = noise_free()
     estimator = Estimator(Config(window=ROWS * PERIOD, sample_period=PERIOD, library="quadratic",
                                  formulation="measured", threshold=THRESHOLD))

@@ -74,7 +74,7 @@ def declared_unknown(vehicle: Nominal) -> Nominal:
 
 
 def _columns(flight: Flight) -> dict[str, np.ndarray]:
-    """The columns that are logged of a flight."""
+    """Return the columns of a flight that are logged."""
     return {each: getattr(flight, each) for each in LOGGED}
 
 
@@ -110,7 +110,7 @@ def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarra
 
 
 def coverage(args: argparse.Namespace) -> None:
-    """Print two lines for each nominal, air and window length, windows and tracked, and one of servo and bound."""
+    """Print for each nominal, air and window length how often intervals hold the truth, and servo and bound."""
     for name in args.nominal:
         for air in AIRS:
             for window in WINDOWS:
@@ -156,7 +156,7 @@ def slow_servo(believed: Nominal, seed: int) -> tuple[Nominal, float, float]:
 
 
 def _at(vehicle: Nominal, t: float, a6: Factor, k1: Factor) -> tuple[float, float]:
-    """True a6, k1 [1/s^2] at t [s]."""
+    """Return true a6, k1 [1/s^2] at t [s]."""
     true_a6, true_k1 = parameters(vehicle, np.array(t), a6, k1)
     return float(true_a6), float(true_k1)
 
@@ -180,7 +180,7 @@ def warned(is_slow: bool, seed: int) -> tuple[bool, bool, bool] | None:
 
 
 def warnings(args: argparse.Namespace) -> None:
-    """Print the two lines of `warnings`."""
+    """Print how often vehicles with little phase margin are named, and sound ones falsely."""
     slow, sound = ([each for each in run_jobs(warned, [(kind, seed) for seed in args.seeds]) if each]
                    for kind in (True, False))
     keeps = [each for each in sound if each[2]]
@@ -218,7 +218,7 @@ def gated(name: str, scenario: str, seed: int) -> tuple[int, int, int, int, int]
 
 
 def gate(args: argparse.Namespace) -> None:
-    """Print a line for each nominal and scenario."""
+    """Print for each nominal and scenario how many gain sets were put to the gate, were unsafe, and were flown."""
     table = Table("nominal 16", "scenario 8", "flights 7d", "lost 5d", "asked 7d", "little 7d", "flew 5d",
                   "legacy less 11d")
     for name in args.nominal:
@@ -238,7 +238,7 @@ def _gains(kp: float = 1.0, kd: float = 1.0, tau: float = 1.0, period: float = 1
 
 
 def _averaged(c: Controller) -> Controller:
-    """The mean of two commands: half a period later, and no more."""
+    """Return the controller with a filter that takes the mean of two commands: half a period later, and no more."""
     return dataclasses.replace(c, filters=(Section((0.5, 0.5, 0.0), (1.0, 0.0, 0.0)),))
 
 
@@ -318,7 +318,7 @@ def right(name: str, kind: str, regime: str, seed: int) -> tuple[int, int, float
 
 
 def another(args: argparse.Namespace) -> None:
-    """Print a line for each loop that is not the nominal's."""
+    """Print for each loop that is not the nominal's how many windows are refused, and the largest error of the rest."""
     regimes = [*(("controller", each) for each in CONTROLLERS), *(("known", each) for each in CHANGE),
                *(("unknown", each) for each in CHANGE), *(("wrong", each) for each in WRONG)]
     table = Table("nominal 16", "what 10", "regime 18", "windows 7d", "refused 7d", "largest error, half-widths 6.2f",
@@ -346,7 +346,7 @@ def kept(name: str, air: str, rate: float, of_log: float, seed: int) -> tuple[in
 
 
 def clean(args: argparse.Namespace) -> None:
-    """Print a line for each nominal, air and rates."""
+    """Print for each nominal, air and rates how many windows of flights without fault the tests refuse."""
     total = np.zeros(3, int)
     table = Table("nominal 16", "air 5", "controller [Hz] 4g", "log [Hz] 4g", "windows 7d", "refused 7d",
                   "tests not made 4d")

@@ -53,7 +53,7 @@ def counted_source(files: dict[str, str]) -> str:
 
 
 def _counts(source: str, given: str) -> np.ndarray:
-    """Numbers that the program prints, a row a line."""
+    """Compile and run the C++ source with this input; return the numbers that it prints, a row a line."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "counted.cpp").write_text(source, encoding="utf-8")

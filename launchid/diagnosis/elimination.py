@@ -261,7 +261,8 @@ class Search:
 
     def judged(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray,
                e_end: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray, list[Group], list[Group]]:
-        """Judge each group left by what it saves last in, and rivals in its place; a better rival replaces it."""
+        """Judge what each group left saves when taken away last; a better rival replaces it.  Return groups kept, fit,
+        left-out errors, groups left, idle ones (at an end of their range, or hardly off the nominal)."""
         m = self.m
         for turn in range(3):
             kept, swap = [], None

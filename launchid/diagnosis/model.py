@@ -326,7 +326,8 @@ class Model:
         self.block = self.rows * SCORE_BLOCKS // self.n
 
     def respond(self, force: np.ndarray, command: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        """Return the change (r,) of the whitened innovations by a small forcing, arguments as `filter.respond`."""
+        """Return the change (r,) of the whitened innovations by a small force (n,) [rad/s^2], command (n,) [rad] and
+        shift (n, 3) of the measurements, about the last filter's path."""
         z, rows, c = self.last
         E = np.empty((self.n, 3))
         sub = max(1, round(self.track.period / RESPONSE_STEP))

@@ -298,7 +298,7 @@ class _Fleet:
 
 
 class _Parcel(NamedTuple):
-    """A chunk on its way: how many workers died of it, and whether it travels alone."""
+    """A chunk to be sent: how many workers died of it, and whether it must run with nothing else running."""
 
     chunk: Chunk
     deaths: int = 0
@@ -306,8 +306,7 @@ class _Parcel(NamedTuple):
 
 
 class _Dispatch:
-    """A loop that sends chunks and takes what comes back; what dies with its worker is sent again, then job by job
-    alone."""
+    """Sends chunks, yields their outcomes; a chunk whose worker dies is sent again, then job by job alone."""
 
     def __init__(self, fresh: Iterator[Chunk], run: Callable[[Any, Chunk], list[tuple[int, Any]]], work: Any,
                  fleet: _Fleet) -> None:
@@ -337,7 +336,7 @@ class _Dispatch:
                 future.cancel()
 
     def _fill(self) -> bool:
-        """Send what there is room for; False when nothing is left."""
+        """Send chunks while there is room; return False when nothing is left."""
         while self._broken is None and len(self._running) < self._fleet.in_flight:
             parcel = self._next()
             if parcel is None:
@@ -358,7 +357,8 @@ class _Dispatch:
         return self._alone.popleft() if self._alone and not self._running else None
 
     def _lost(self, parcel: _Parcel, error: BaseException) -> Iterator[list[tuple[int, Outcome]]]:
-        """A worker died of this parcel, or beside it."""
+        """Queue a chunk whose worker died, to be sent again; yield a failed outcome for a job that killed while
+        alone."""
         if isinstance(error, BrokenExecutor):
             self._broken = error
         deaths = parcel.deaths + 1
@@ -372,7 +372,7 @@ class _Dispatch:
 
 
 def _death(future: Future[Any]) -> BaseException | None:
-    """The exception that ended the worker, or None; UsageError when the executor cannot run the work at all."""
+    """Return the exception that ended the worker, or None; UsageError when the executor cannot run the work at all."""
     try:
         error = future.exception()
     except CancelledError as cancelled:
@@ -386,7 +386,7 @@ def _death(future: Future[Any]) -> BaseException | None:
 
 
 def _raised_in(error: BaseException) -> str:
-    """The module whose line raised."""
+    """Return the name of the module whose line raised the error."""
     trace, name = error.__traceback__, ""
     while trace is not None:
         name = str(trace.tb_frame.f_globals.get("__name__", ""))

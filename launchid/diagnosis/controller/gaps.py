@@ -92,7 +92,7 @@ def test_issued(record: Record, late: int) -> np.ndarray:
 
 
 def _derivative(of: OnBoard, error: np.ndarray, before: np.ndarray, derivative: np.ndarray) -> np.ndarray:
-    """The controller's pseudo-derivative a period later (`vehicle.controller`), of arrays."""
+    """Return the controller's pseudo-derivative (`vehicle.controller`) a period later, of arrays."""
     return np.asarray((of.tau * derivative + error - before) / (of.tau + of.period))
 
 
