@@ -1,8 +1,7 @@
 """launchid_core: on-board identification of a launcher's rotational dynamics.
 
-What flies: fixed memory, bounded time, one sample at a time.  It knows no clock,
-file, simulator or print.  numpy and numba only; what needs numba is imported when
-its name is first asked for.
+What flies: fixed memory, bounded time, one sample at a time.  It knows no clock, file, simulator or print.  numpy and
+numba only; what needs numba is imported when its name is first asked for.
 """
 
 from collections.abc import Iterator

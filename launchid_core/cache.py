@@ -1,16 +1,12 @@
 """The folders in which numba keeps compiled code: one for each module with kernels, named after its sources.
 
-Not part of what flies: it is used while modules are imported, and when an `Estimator` is made.
+Not part of what flies: it is used while modules are imported, and when an `Estimator` is made.  numba compiles anew
+after an edit of a function's own file, but does not see edits in files that it imports; so a folder is named after a
+digest of the module's source, of all that it imports, of the versions and of numba's settings (but of threads).
 
-numba writes a file under another name and renames it, so there are no unfinished ones, and what is compiled is kept at
-once.  It compiles anew after an edit of a function's own file, but does not see edits in files that this one imports.
-So a folder is named after a digest of the module's source and of all that it imports, of the versions and of numba's
-settings (but of threads).  An edit compiles anew what may depend on it, and two checkouts share one place without harm.
-
-The folder is set as numba's only while our functions are decorated: a host's own code keeps its place.  The place is
-LAUNCHID_CACHE, or NUMBA_CACHE_DIR, or the user's cache folder.  If it cannot be written or has no room, kernels are
-compiled in each process: no error.  What numba loads from there runs, so it has to be this user's, and nobody else may
-write to it.
+The folder is set as numba's only while our functions are decorated: a host's own code keeps its place.  If it cannot be
+written or has no room, kernels are compiled in each process: no error.  What numba loads from there runs, so it has to
+be this user's, and nobody else may write to it.  More: docs/developing.md, "Compiled code".
 """
 
 import contextlib

@@ -64,7 +64,7 @@ def preface(config: Config, memory: Memory) -> bytes:
 
 
 def save(config: Config, memory: Memory) -> bytes:
-    """The state of an estimator with this configuration."""
+    """Return the state of an estimator with this configuration as bytes."""
     arrays = dict(memory.state_arrays())
     arrays[GUARD_PATH] = arrays[GUARD_PATH] ^ [0, seal_of(memory)]  # what the seal is off, 0 but in damaged memory: the
     # seal itself depends on the extents of records

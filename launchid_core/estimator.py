@@ -180,7 +180,7 @@ class Estimator:
 
     @property
     def noise_levels(self) -> dict[str, float]:
-        """Noise levels believed now, over the model's declared ones, by name (formulation `filtered`)."""
+        """Noise levels believed now as factors of the declared ones, by name; empty unless formulation `filtered`."""
         report, model = self._report(), self.config.model
         if report is None or model is None:
             return {}

@@ -16,7 +16,7 @@ MAX_LEVELS = N_NOISES + len(WIND_NOISES)
 SERVO = ("natural_frequency", "damping_ratio", "delay")  # what of a servo may be unknown
 # what a nuisance state is: the wind's two parts, then OFFSETS
 WALK, TURBULENCE, MISALIGNMENT, MOMENT, ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_BIAS = range(7)
-
+SPREADS = ("wind_initial", "turbulence", *OFFSETS)  # of each nuisance, one sigma at the first sample
 
 NODE_FIELDS = {"profile_t": ("profile_a6", "profile_k1"), "sigma_t": ("sigma_a6", "sigma_k1"),
                "forecast_t": ("forecast",),
@@ -120,7 +120,6 @@ class Model:
                 allowed, words = value > 0.0, " above 0"
             if not (math.isfinite(value) and allowed):
                 raise ValueError(f"{field.name}={value!r}: expected a finite number{words}")
-
         if self.time_constant > 0.0 and self.natural_frequency_sigma + self.damping_ratio_sigma > 0.0:
             raise ValueError(f"time_constant={self.time_constant!r}: a first-order actuator has no natural_frequency "
                              "and no damping_ratio: expected a delay_sigma alone")
@@ -156,12 +155,6 @@ class Model:
         """One sigma of what is not known of SERVO; empty where all of it is known."""
         sigma = tuple(getattr(self, f"{name}_sigma") for name in SERVO)
         return sigma if any(sigma) else ()
-
-    def spread(self, role: int) -> float:
-        """Standard deviation of a nuisance at the first sample."""
-        name = ("wind_initial", "turbulence", *OFFSETS)[role]
-        value: float = getattr(self, name)
-        return value
 
     def variances(self, sample_period: float) -> np.ndarray:
         """Variances (5 to 7,) in the order of `levels`; process noise keeps its spectral density at the sample period,

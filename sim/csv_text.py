@@ -5,11 +5,14 @@ not closed, a line without an end.  Memory is that of one row, whatever the file
 """
 
 import csv
+import math
+import re
 from collections.abc import Iterator
 from typing import Any, TextIO
 
 from .errors import InputError
 
+CELL_CHARACTERS = 40  # characters of a cell in a message
 LONGEST_CSV_LINE = 1 << 20  # characters: a sample's line has a few hundred
 BOM_16 = (b"\xff\xfe", b"\xfe\xff")
 FOREIGN_FILES = (  # first bytes -> what such a file is, and what to do with it; the first that fits
@@ -29,8 +32,24 @@ FOREIGN_FILES = (  # first bytes -> what such a file is, and what to do with it;
     (b"<?xml", "XML"), (b"<!DOCTYPE", "a web page"), (b"<html", "a web page"))
 
 TLOG = (b"\xfe", b"\xfd")   # a MAVLink packet's first byte, behind a stamp of eight
+# float() alone takes 1_000, Arabic-Indic digits and more; a log's cell is a plain ASCII number
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,4})?\Z|[+-]?inf(inity)?\Z", re.ASCII | re.IGNORECASE)
+_NOT_MEASURED = re.compile(r"([+-]?nan)?\Z", re.ASCII | re.IGNORECASE)  # C prints -nan
 # of `open` for a file that `rows` reads
 AS_TEXT: Any = {"encoding": "utf-8-sig", "errors": "surrogateescape", "newline": ""}
+
+
+def number(text: str) -> float | None:
+    """Return a cell's number; NaN: not measured; None: no number."""
+    text = text.strip()
+    if _NOT_MEASURED.match(text):
+        return math.nan
+    return float(text) if _NUMBER.match(text) else None
+
+
+def shown(cell: str) -> str:
+    """Return a cell as text for a message: escaped, and cut to CELL_CHARACTERS."""
+    return ascii(cell if len(cell) <= CELL_CHARACTERS else cell[:CELL_CHARACTERS] + "...")
 
 
 def rows(path: str, file: TextIO, delimiter: str = ",") -> Iterator[tuple[int, list[str]]]:

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .errors import UsageError, extra_needed
-from .shown import html_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Columns = dict[str, list[Any]]
+NOTEBOOK_ROWS = 40  # of a table in a notebook
 PAGE_DPI = 72  # of a figure on a notebook's page: half the bytes of one that is written
 
 
@@ -49,7 +49,7 @@ class Result:
     def _repr_html_(self) -> str:
         first, *rest = self.summary().splitlines()
         more = f"<details><summary>as text</summary><pre>{escape(chr(10).join(rest))}</pre></details>" if rest else ""
-        return f"<p><b>{escape(first)}</b></p>{html_table(self.table())}{more}"
+        return f"<p><b>{escape(first)}</b></p>{_html_table(self.table())}{more}"
 
 
 def drawn(make: Callable[[], "Figure"], path: str | Path | None) -> "Figure":
@@ -74,3 +74,19 @@ def _png(figure: "Figure") -> bytes:
     buffer = io.BytesIO()
     figure.canvas.print_figure(buffer, format="png", dpi=PAGE_DPI, bbox_inches="tight", metadata={"Software": None})
     return buffer.getvalue()
+
+
+def _html_table(columns: dict[str, list[Any]]) -> str:
+    """Return columns of equal length as an HTML table; rows beyond NOTEBOOK_ROWS are only counted."""
+    rows = len(next(iter(columns.values()), []))
+    shown = zip(*(x[:NOTEBOOK_ROWS] for x in columns.values()), strict=True)
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    body = "".join(f"<tr>{''.join(f'<td>{_cell(x)}</td>' for x in row)}</tr>" for row in shown)
+    more = f"<p>... and {rows - NOTEBOOK_ROWS} more rows</p>" if rows > NOTEBOOK_ROWS else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
+
+
+def _cell(x: Any) -> str:
+    if x is None or (isinstance(x, float) and math.isnan(x)):
+        return "-"
+    return f"{x:.{5}g}" if isinstance(x, float) else escape(str(x))

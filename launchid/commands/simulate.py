@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sim.errors import UsageError
-from sim.shown import SLOWEST_PERIOD
 
 from ..argument_checks import integer, real, several
 from ..cli.common import at_least, check_outputs, read_nominal, warn
@@ -17,6 +16,7 @@ from ..cli.options import NOMINAL_HELP, add_command, given
 from ..cli.terminal import say
 from ..progress import report
 from ..results.answer import Answer
+from ..shown import SLOWEST_PERIOD
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sim.csv_text import shown
 from sim.errors import InputError
 from sim.files import reads
-from sim.log_table import shown
 
 from ..log.log import OPTIONAL, REQUIRED, SHORTEST_STEP
 from .text import HEAD_LINES

@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.csv_text import AS_TEXT, Lines, rows
+from sim.csv_text import AS_TEXT, Lines, number, rows, shown
 from sim.errors import InputError
-from sim.log_table import number, shown
 
 MOST_COLUMNS = 64      # of a two-dimensional array: a longer side is time
 MOST_NUMBERS = 1 << 28  # of one array: three days at 1 kHz, 2 GB

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from sim.canvas import DPI, panels
 from sim.errors import InputError
 from sim.files import write_text
-from sim.log_table import OPTIONAL, REQUIRED
 
 from ..charts.figure import figure_json
 from ..charts.page import list_of, page, picture, text
@@ -22,6 +21,7 @@ from ..charts.report import COLOUR
 from ..log.check import COLUMN_FAULTS, checked, columns_alone
 from ..log.fault import Fault
 from ..log.log import Log
+from ..log.table import OPTIONAL, REQUIRED
 
 COLUMN_UNITS = {"theta_dot": "rad/s", "theta_ddot": "rad/s$^2$", "rate_ref": "rad/s"}  # the others: rad
 LOG_STYLES: tuple[dict[str, Any], ...] = (  # that stay apart in grey

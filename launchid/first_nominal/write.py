@@ -11,8 +11,8 @@ import numpy as np
 from sim.effects import Effect, effect
 from sim.files import write_text
 from sim.nominal import Actuator, Nominal, Profile, Sensors, Simulation, Wind, constant_profile, nominal_lines
-from sim.shown import known, saying_what_plus_minus_is, with_std
 
+from ..shown import known, saying_what_plus_minus_is, with_std
 from .answer import First, Number
 
 TOLD = 3.0             # standard deviations from 0: below, an offset is none

@@ -14,13 +14,13 @@ from launchid_core import MAX_ROWS, Change, Config, Estimate, Estimator, Model, 
 from sim.errors import InputError, UsageError
 from sim.nominal import Nominal
 from sim.sections import SERVO, Offsets
-from sim.shown import servo_lines, slow_hint, with_std
 
 from .. import progress
 from ..log.check import CheckedLog
 from ..log.log import Log
 from ..log.rates import HELD_WORD
 from ..onboard import MODELLED, onboard_model
+from ..shown import servo_lines, slow_hint, with_std
 from ..weakform.judge import LIBRARY, Lack
 from ..weakform.rows import FAST_THETA, near_all
 from ..weakform.windows import Judged, disbelieved, judged_windows, withdrawn

@@ -23,11 +23,12 @@ import numpy as np
 
 import sim
 from launchid_core import Sample
-from sim.csv_text import AS_TEXT, rows
+from sim.csv_text import AS_TEXT, rows, shown
 from sim.errors import InputError, did_you_mean
 from sim.files import is_read, reads, write_text
-from sim.log_table import OPTIONAL, REQUIRED, Columns, places, shown
 from sim.result import Result
+
+from .table import OPTIONAL, REQUIRED, Columns, places
 
 if TYPE_CHECKING:
     from sim.flight import Flight

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.shown import SLOWEST_PERIOD
-
+from ..shown import SLOWEST_PERIOD
 from ..sums import combined, least_squares, square
 
 DEGREES = 180.0 / math.pi  # in a radian

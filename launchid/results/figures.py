@@ -14,9 +14,9 @@ from sim.canvas import NOMINAL_COLOUR, TRACKED, TRACKED_BAND, UNIT, panels
 from sim.errors import UsageError
 from sim.flight import Flight
 from sim.nominal import Nominal
-from sim.shown import with_std
 
 from ..log.log import Log
+from ..shown import with_std
 from ..test_input import Plan
 from .residuals import INCREMENT, LAG_OF_WHITENESS, Predicted, Residuals
 

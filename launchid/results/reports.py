@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sim.errors import InputError
-from sim.shown import with_std
 
 from ..charts.page import table, text
 from ..charts.report import Picture, paragraphs, write_report
 from ..robustness.flight_margins import MARGIN_NAMES, MARGIN_TITLES, MARGIN_UNITS, closing_lines, interval_words
+from ..shown import with_std
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -24,11 +24,11 @@ from sim.effects import values
 from sim.errors import InputError
 from sim.nominal import Nominal
 from sim.sections import SERVO, Required
-from sim.shown import servo_lines
 
 from ..controller_replay import MIN_COMMANDS, Replay, replay, rms
 from ..log.log import Log
 from ..onboard import onboard_model
+from ..shown import servo_lines
 from .lft import refuse_foreign_loop
 from .margin_spread import MARGIN_NAMES, MARGINS, Known, Spread, json_number, margin_spread
 from .servo_check import contradictions, followed, words

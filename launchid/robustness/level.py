@@ -9,11 +9,11 @@ import numpy as np
 from launchid_core import BANDS, Config, Estimate, Level, Model, Uncertainty
 from sim.errors import InputError
 from sim.nominal import Nominal, Profile
-from sim.shown import with_std
 
 from ..identification.windows import number, onboard_model, run
 from ..log.check import CheckedLog
 from ..log.log import Log
+from ..shown import with_std
 
 UNCERTAIN_PARAMETERS = ("a6", "k1")
 NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last one belongs to the log's clock

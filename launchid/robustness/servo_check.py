@@ -16,11 +16,11 @@ import numpy as np
 
 from launchid_core import Model
 from sim.effects.actuator import play
-from sim.shown import PLUS_MINUS, with_std
 from sim.vehicle.actuator import fastest_pole, free_servo
 from sim.vehicle.kernels import kernel
 
 from ..log.log import Log
+from ..shown import PLUS_MINUS, with_std
 from ..sums import along, combined, least_squares, products
 
 INNOVATION_BLOCK = 1.0  # s

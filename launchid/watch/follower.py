@@ -13,7 +13,6 @@ import numpy as np
 from launchid_core import EDGES, Config, Estimate, EstimateStatus, Estimator, Status
 from sim.errors import InputError, Told, UsageError
 from sim.nominal import Nominal
-from sim.shown import servo_lines
 
 from ..identification.windows import (
     REASONS,
@@ -28,6 +27,7 @@ from ..identification.windows import (
 from ..log.live import LiveCheck
 from ..log.log import Log, log_of
 from ..robustness.level import level_json, ranged_model
+from ..shown import servo_lines
 from ..weakform.windows import disbelieved
 from .last_rows import LastRows
 from .live import Live, Row

@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator
 
 from launchid_core import Sample
 from sim.errors import InputError
-from sim.log_table import REQUIRED, Columns
 
 from ..convert.mapping import Map
 from ..convert.stream import MappedColumns, MappedStream
 from ..convert.text import BLANKS
 from ..log.log import Log, log_of_values
+from ..log.table import REQUIRED, Columns
 
 COLUMN_ORDER = Sample._fields  # of columns without a header row
 MIN_COLUMNS = 4          # of them: up to beta

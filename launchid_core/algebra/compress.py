@@ -1,8 +1,7 @@
 """Random sub-sampling of a window's rows (the operator C of Navarro-Tapia et al., eq. 3).
 
-The generator is Park & Miller's minimal standard (Comm. ACM 31, 1988; multiplier
-48271): x <- 48271 x mod (2^31 - 1).  Integer arithmetic only, so every machine
-draws the same rows.  Assumption: sub-sampling needs no better generator.
+The generator is Park & Miller's minimal standard (Comm. ACM 31, 1988; multiplier 48271): x <- 48271 x mod (2^31 - 1),
+in integers, so every machine draws the same rows.  Assumption: sub-sampling needs no better generator.
 """
 
 from ..kernels import inner

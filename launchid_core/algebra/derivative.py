@@ -1,13 +1,8 @@
 """Derivatives of sampled signals: true time stamps, never across a gap.
 
-Scheme: the slope of the five-point interpolating polynomial, central inside a
-segment, one-sided at its ends (fourth order; fewer points in shorter segments).
-Source: Fornberg, Math. Comp. 51, 1988 (the weights of arbitrarily spaced points).
-
-Limitation: a held command makes the nozzle's acceleration jump once per
-controller period, and the rows beside a jump are only second-order accurate.
-Stencils that avoid the jumps (essentially non-oscillatory) find no more supports
-on clean data and have up to twice the error under noise.
+The slope of the five-point interpolating polynomial, central inside a segment, one-sided at its ends (fourth order;
+fewer points in shorter segments; weights: Fornberg, Math. Comp. 51, 1988).  Limitation: a held command makes the
+nozzle's acceleration jump once per controller period, and the rows beside a jump are only second-order accurate.
 """
 
 from ..kernels import inner

@@ -1,17 +1,12 @@
 """Candidate terms: names, their codes, and a column of the library matrix.
 
-A term is a product of powers of theta, theta_dot, beta and tau (time from the
-window's centre) and at most one function of a state::
+A term is a product of powers of theta, theta_dot, beta and tau (time from the window's centre) and at most one function
+of a state, theta^e0 * theta_dot^e1 * beta^e2 * tau^e3 * f(state); its code is the six integers (e0, e1, e2, e3, f,
+state).  Standardised samples z = (x - c)/s go back to raw ones by the binomial theorem, term by term: x^e = sum_f
+binom(e, f) c^(e-f) s^f z^f, so Phi_raw = Phi_std T with T in closed form (triangular when terms are ordered by degree).
 
-    theta^e0 * theta_dot^e1 * beta^e2 * tau^e3 * f(state)
-
-Its code is six integers (e0, e1, e2, e3, f, state).  The map from standardised
-samples z = (x - c)/s back to raw ones is the binomial theorem, term by term:
-x^e = sum_f binom(e, f) c^(e-f) s^f z^f, so Phi_raw = Phi_std T with T in closed
-form (triangular when terms are ordered by degree).
-
-Assumption: centring needs every lower power in the library, otherwise T would
-leave it; a variable for which that does not hold is scaled but not centred.
+Assumption: centring needs every lower power in the library, otherwise T would leave it; a variable for which that does
+not hold is scaled but not centred.
 """
 
 import math

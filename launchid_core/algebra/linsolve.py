@@ -1,12 +1,11 @@
 """Small dense least squares by Householder QR with column pivoting.
 
-numba without scipy has no linear algebra inside kernels, hence this file.  No
-Gram matrix is ever formed: on the ten-term library normal equations lose all
-digits (raw condition up to 8e8, squared 6e17).
+numba without scipy has no linear algebra inside kernels.  No Gram matrix is ever formed: on the ten-term library normal
+equations lose all digits (raw condition up to 8e8, squared 6e17).
 
-Storage: a matrix A (m x n) is kept as `at` (n, m), row j of `at` being column j
-of A, so that every inner loop runs along contiguous memory, four numbers at a time, each sum
-in its own fixed order: the same bits everywhere.  Positions start .. stop-1 of a loop must lie inside its vectors.
+Storage: a matrix A (m x n) is kept as `at` (n, m), row j of `at` being column j of A, so that every inner loop runs
+along contiguous memory, four numbers at a time, each sum in its own fixed order: the same bits everywhere.  Positions
+start .. stop-1 of a loop must lie inside its vectors.
 
 Source: Golub & Van Loan, Matrix Computations, 4th ed., algorithms 5.1.1, 5.2.1, 5.4.1.
 """

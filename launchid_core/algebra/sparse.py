@@ -1,8 +1,7 @@
 """Sparse regression on the factored library: which terms, and their coefficients.
 
-All solvers see the reduced problem: with Phi_raw = Q M (Q orthonormal, M q x q)
-the residual of any coefficient vector is |Q'y - M xi| plus a constant, so a
-window costs one tall QR, and one of M that all its equations begin with.  A term
+All solvers see the reduced problem: with Phi_raw = Q M (Q orthonormal, M q x q) the residual of any coefficient vector
+is |Q'y - M xi| plus a constant, so a window costs one tall QR, and one of M that all its equations begin with.  A term
 leaves by Givens rotations, without another factorisation.
 
 The factor of n active columns of M, scaled to unit norm, lies by rows of 4 q numbers:

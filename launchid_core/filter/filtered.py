@@ -1,12 +1,9 @@
 """The filtered formulation: prediction-error estimates of a window from whitened innovations.
 
-Each innovation is one row of a linear regression on (initial offset, terms); rows
-are gathered over a block of samples and absorbed into square-root information
-matrices: one per window (with the initial offset, so that only the window's own
-data speak), one for the structure (with forgetting, over many windows), and one
-per block for the tracker.
-
-At a window's close its triangle is solved.
+Each innovation is one row of a linear regression on (initial offset, terms).  Rows are gathered over a block of samples
+and absorbed into square-root information matrices: one per window (with the initial offset, so that only the window's
+own data speak; solved at its close), one for the structure (with forgetting, over many windows), one per block for the
+tracker.
 """
 
 import math
@@ -42,7 +39,7 @@ BLOCK_ROWS, SAMPLES, BLOCK_GAPS = range(3)
 
 @inner
 def span_of(fixed, state):
-    """The block's time [s] and its end [s]."""
+    """Return (length [s], end [s]) of the block that was gathered."""
     t_end = state.filter.time[sx.LAST]
     return t_end - state.acc.start[0] + fixed.limits[PERIOD], t_end
 
@@ -89,7 +86,7 @@ def believe_nuisances(belief, fil, acc, t):
 
 @inner
 def begin_block(belief, fil, acc):
-    """A block begins: the offset's sensitivities are the identity, the terms' are remembered."""
+    """Begin a block: the sensitivities for the offset become the identity, those for the terms go on."""
     n = belief.size.states
     set_identity(belief.size, fil.s[:])
     for i in range(n):
@@ -120,7 +117,7 @@ def reduce_rows(block, rows):
 
 @inner
 def reduce_pair(size, work):
-    """Reduce work.pair (offset, theta, beta) to work.block (theta, beta), the offset being 0."""
+    """Fill work.block (3, 3), triangle of (theta, beta, right-hand side), from work.pair, which has the offset, too."""
     width, n = size.pair, size.states
     for j in range(3):
         work.columns[j] = n + j
@@ -158,7 +155,7 @@ def measured(belief, row, channel):
 
 @inner
 def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_gap):
-    """A `row` of the ring into the predictor; its innovations become `rows` of the block."""
+    """Predict to a `row` of the ring, correct by its measurements; its whitened innovations join the block's `rows`."""
     t = row[T]
     if kf.begins_anew(belief, fil, t, max_gap):
         acc.counts[BLOCK_GAPS] += int(fil.time[sx.RUNNING])  # a gap, unless it is the first sample of all
@@ -188,13 +185,16 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
         if belief.size.servo > 0:
             kf.apply_h(fil.s[:], channel, partner, out, last)
             doubt = doubt_of(belief.size, fil.servo, out[belief.size.servo_at:])
-        e, variance = kf.innovation(fil, channel, partner, z)
-        outlier = e * e > kf.OUTLIER * kf.OUTLIER * (variance + (r + doubt))
+        e, predicted = z - fil.x[channel], fil.p[channel, channel]  # z - H x, H P H'
+        if partner >= 0:
+            e -= fil.x[partner]
+            predicted += 2.0 * fil.p[channel, partner] + fil.p[partner, partner]
+        outlier = e * e > kf.OUTLIER * kf.OUTLIER * (predicted + (r + doubt))
         fil.outliers[channel] = fil.outliers[channel] + 1 if outlier else 0
         fil.note[sx.OUTLIERS] += int(outlier)
         if outlier:
             continue
-        variance += r
+        variance = predicted + r  # S
         kf.correct(belief.size, fil, work, channel, partner, e, variance, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
         k = acc.counts[BLOCK_ROWS]
@@ -214,7 +214,7 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
 
 @inner
 def left_after(share, left):
-    """The share that is left after `share` times BLOCK where `left` is after one."""
+    """Return left^share: what is left after `share` times BLOCK of what `left` is left of after one."""
     return left * exp_of((share - 1.0) * log_of(left))
 
 
@@ -255,11 +255,8 @@ def update_levels(belief, fil, acc, work):
 def move_wind_level(levels, fil, acc, j, moved):
     """A log level of the wind moves by so much, and what is known of it is carried over.
 
-    The wind may not blow at all, which no log level is: what calm air tells of a level, in nats, is in proportion to
-    the level itself (the frequencies at which such a wind would show are), so information about its square root keeps
-    its value, and about its logarithm it falls as the level does.  Kept as it was made, at levels far above, it would
-    stop the fall: after 70 s of calm air at a twentieth of the declared, where a fiftieth can be told from it.  Where
-    the level stands at its least, what is known of it falls on, so that it rises with the first gust.
+    Information about the square root of a level keeps its value, so about its logarithm it falls as the level does
+    (docs/method.md, "Wind, offsets, drift"); it falls on where the level stands at its least.
     """
     fil.level[j] = max(fil.level[j] + moved, LEAST_WIND)
     share = exp_of(0.5 * moved)
@@ -318,7 +315,7 @@ STD_A6, STD_K1, CORR = range(3)
 
 @inner
 def begin_columns(size, columns):
-    """Columns of what is solved for first, offset and servo; returns how many."""
+    """Fill `columns` with those that are solved for first, offset and servo; return how many they are."""
     for j in range(size.states):
         columns[j] = j
     for j in range(size.servo):
@@ -337,7 +334,7 @@ def reduce_columns(width, acc, work, r):
 
 @inner
 def solve_absent(size, acc, work, active, term):
-    """(coefficient, standard deviation) that a term has beside the active ones, or would have, as of `solve_window`."""
+    """Return (coefficient, standard deviation) of a term beside the active ones, from what `solve_window` left."""
     n, m = size.states, begin_columns(size, work.columns[:])
     for j in range(size.terms):
         if active[j] and j != term:

@@ -1,32 +1,17 @@
 """The innovations form: a Kalman predictor of the vehicle with its sensitivities.
 
-State x = (theta, theta_dot, beta, beta_dot) and r nuisances: the wind's random walk
-and turbulence, thrust misalignment, moment, sensor offsets (`model.WALK` and on);
-theta as measured where its bias is one of them (`fill_push`).
-Input is the actuator's command, process noise on the command and on the
-acceleration, held over a sample.  Beside x (n = 4 + r) and its covariance run
+x         state (n,): theta, theta_dot, beta, beta_dot and r nuisances (`model.WALK` and on); theta is as measured
+          where its bias is one of them (`fill_push`)
+P         its covariance (n, n);  F  transition over a sample;  K  gain;  S = H P H' + r  variance of an innovation e
+s         derivative (n, ...) of the predicted state for an offset at the block's start (n columns), each library term
+          of theta_ddot, what is not known of the servo (`servo`), and what no model has (N_TESTS columns)
+sx, sp    derivatives of x and P for the log noise levels
+H         1 at the measured channel and at its offset's state, `partner`
 
-* s, the derivative of the predicted state for an offset at the block's start
-  (n columns), for each library term of theta_ddot (q columns), for what is not
-  known of the servo (`servo`) and for what no model has (N_TESTS columns,
-  for the check of the model);
-* the derivative of x and of the covariance for the L log noise levels.
-
-The innovation obeys e = H s (p - p_bar) + white noise, a linear regression that
-neither the nozzle sensor's noise (errors in variables) nor unmodelled
-accelerations (a random walk once integrated) bias.
-Sources: Ljung, System Identification, 2nd ed., section 9.4; Gupta & Mehra, IEEE TAC 19, 1974.
-
-Assumption: derivatives of the gain for p are left out (their part in the
-innovations is white and second order).
-
-What is not known of the wind, w, is an acceleration a6_nominal w, and the gains of a model with wind levels are those
-of its nominal: whitening that moves with a6 would want the log-determinant in the fit of a6.
-
-An attitude bias b is an acceleration -a6_nominal b', b' = (1 + p) b, and the filter's theta is the attitude as
-measured: the same flight, in which no product of a deviation p and a bias is left to linearise.  With b beside the true
-theta the sensitivity to p would move with each guess of b, and a quiet first window would take that for information: a6
-off by 2.4 of its standard deviations where the misalignment's transient tells of it.
+The innovation obeys e = H s (p - p_bar) + white noise, a linear regression that neither the nozzle sensor's noise nor
+unmodelled accelerations bias: Ljung, System Identification, 2nd ed., section 9.4; Gupta & Mehra, IEEE TAC 19, 1974.
+Assumption: derivatives of the gain for p are left out (their part in the innovations is white and second order).
+Why wind and attitude bias act by the nominal's a6: docs/method.md, "Wind, offsets, drift".
 """
 
 import numpy as np
@@ -179,16 +164,6 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
 
 
 @inner
-def innovation(fil, channel, partner, z):
-    """A measurement less its prediction, z - H x, and the variance of what it shows without its own noise, H P H'."""
-    e, variance = z - fil.x[channel], fil.p[channel, channel]
-    if partner >= 0:
-        e -= fil.x[partner]
-        variance += 2.0 * fil.p[channel, partner] + fil.p[partner, partner]
-    return e, variance
-
-
-@inner
 def is_lost(belief, fil):
     """Whether so many measurements in a row, over so long a time, were left out that the filter is wrong, not the
     sensor."""
@@ -269,7 +244,7 @@ def correct(size, fil, work, channel, partner, e, variance, r, score, informatio
 
 @inner
 def spread_at(belief, fil, j, t):
-    """Variance of nuisance j at t [s] before any data: a walk has gone on since the first sample."""
+    """Return the variance of nuisance j at t [s] as declared, before any data; a walk's grows from the first sample."""
     variance = belief.spread[j] * belief.spread[j]
     at = belief.level[j]
     if at < 0:
@@ -419,7 +394,7 @@ def propagate_sensitivities(f, n, s, columns):
 
 @inner
 def advance_state(belief, fil, f, k1, u, known):
-    """x over the step.  u [rad] command, `known` [rad/s^2] acceleration, both held."""
+    """Advance the state by one step.  u [rad] command, `known` [rad/s^2] acceleration, both held."""
     x, h, reach = fil.x, fil.step[sv.STEP_PLACE], fil.step[sv.ANGLE_OF_RATE]
     y0, y1, y2, y3 = x[0], x[1], x[2], x[3]
     b0, b1 = k1 * fil.step[sv.J2 + 2], k1 * fil.step[sv.J1 + 2]
@@ -437,7 +412,7 @@ def advance_state(belief, fil, f, k1, u, known):
 
 @inner
 def add_held_noise(step, k1, variance, p):
-    """Process noise of a command that is held over a step, into a covariance."""
+    """Add to a covariance p the process noise of a command that is held over a step, of this variance [rad^2]."""
     b = (k1 * step[sv.J2 + 2], k1 * step[sv.J1 + 2], step[sv.PATH_PLACE], step[sv.PATH_PLACE + 1])
     for i in range(sx.N_STATES):
         for j in range(sx.N_STATES):

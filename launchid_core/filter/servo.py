@@ -1,25 +1,13 @@
 """The servo: constants of a time step, its transition with its integrals; and one that is not known.
 
-Its natural frequency, damping ratio and delay may be estimated beside a6 and k1.
-
-What is unknown is d, the three numbers' deviations from the nominal's in standard deviations of what was known before
-the flight (`Model.servo_sigma`).  Beside the predictor's state run its derivatives for d, three more of its
-sensitivities: over a step
-
-    s <- F s + R_d (beta, beta_dot, u, c),
-
-with R the servo's response: to its state, to the command u that acts as the step begins, and to the change c of the
-command that is held, `delay` old, from within the step on.  R_d are central differences of R.
-
-So an innovation is linear in d too.  A window has d among its unknowns, as declared before the flight: nothing else of
-the past enters it.  The flight's own estimate is a square-root information about d, prior included, to which each block
-adds what it says beside an a6 and k1 of its own (known to FIRST_STD); nearly all of it is in the nozzle sensor's
-innovations.  Its estimate is what the filter is linearised about, and what is not yet known of it widens what a block
-says of a6 and k1, the outliers' gate and the check of the model.
+Unknown are d, deviations of natural frequency, damping ratio and delay from the nominal's, in standard deviations of
+what was known before the flight (`Model.servo_sigma`).  Beside the predictor's state run its derivatives for d: over a
+step s <- F s + R_d (beta, beta_dot, u, c), R being the servo's response to its state, to the command u that acts as the
+step begins and to the change c within it, R_d central differences of R.  The flight's own estimate is a square-root
+information about d: docs/method.md, "A servo that is not known".
 
 Assumptions: one servo for the whole flight; the gains' derivatives for d are left out, as those for a6 and k1 are; what
-is left of d is independent from block to block where it widens the tracked a6 and k1, which it hardly moves: beside a
-nozzle sensor an unknown servo costs them less than 1 % (`launchid.bound`).
+is left of d is independent from block to block where it widens the tracked a6 and k1.
 """
 
 import math
@@ -141,7 +129,7 @@ UNSETTLED = 0.2         # share of a block's squares by what is unknown of the s
 
 @inner
 def believe_servo(belief, fil):
-    """The three numbers out of the deviations that the filter is linearised about; the next step is set afresh."""
+    """Set fil.servo.number from the deviations that the filter is linearised about; the next step is set afresh."""
     number, about, constant = fil.servo.number, fil.servo.about, belief.constant
     number[BY_FREQUENCY] = constant[sx.FREQUENCY] * (1.0 + belief.servo[BY_FREQUENCY] * about[BY_FREQUENCY])
     number[BY_DAMPING] = constant[sx.DAMPING] * (1.0 + belief.servo[BY_DAMPING] * about[BY_DAMPING])
@@ -172,7 +160,7 @@ def fill_response(constant, frequency, damping, h, left, work, step, out):
 
 @inner
 def left_after_switch(belief, fil, h):
-    """The rest of a step h [s] when the command that is held, `delay` old, changes."""
+    """Return how much [s] of a step of h [s] is left when the command that is held, `delay` old, changes."""
     delay = fil.servo.number[BY_DELAY]
     whole = int(delay / belief.constant[sx.CONTROLLER_PERIOD])
     return max(h - (delay - whole * belief.constant[sx.CONTROLLER_PERIOD]), 0.0)
@@ -261,7 +249,7 @@ def add_change(belief, fil, work, k1, believed_k1, change):
 
 @inner
 def doubt_of(size, servo, s):
-    """Variance that what is unknown of the servo adds to what has these sensitivities for it.  s (>=servo,) in"""
+    """Return the variance that the unknown servo adds to a prediction of sensitivities s (>=servo,) for its numbers."""
     doubt = 0.0
     for k in range(size.servo):
         seen = 0.0
@@ -273,7 +261,7 @@ def doubt_of(size, servo, s):
 
 @kernel
 def widen_check(block):
-    """Shrink the block's mean innovations by what the unknown servo adds: it does not contradict the model."""
+    """Shrink the block's mean innovations by what the unknown servo adds to their variance: that is no wrong model."""
     belief, fil, check = block[0].fixed.belief, block[0].state.filter, block[0].state.check
     for c in range(sx.N_CHANNELS):
         if check.seen[c] > 0:
@@ -286,7 +274,7 @@ def widen_check(block):
 
 @inner
 def widen_pair(belief, fil, work):
-    """The block's triangle for offset, a6 and k1, the servo being what is known of it and no longer as linearised."""
+    """Widen the block's triangle of offset, a6 and k1 by what is not known of the servo."""
     size, servo = belief.size, fil.servo
     at, n, c, known = size.servo_at, size.states, size.columns, size.servo
     width = known + size.pair
@@ -338,7 +326,7 @@ def learn_servo(belief, fil, work):
 
 @inner
 def fade_servo(size, servo, work, keep):
-    """Leave the share `keep` of what the flight has told, beside what was known before it."""
+    """Forget all but the share `keep` of the flight's information on the servo; what was known before it stays."""
     n = size.servo
     if keep == 1.0:
         return
@@ -370,7 +358,7 @@ def solve_servo(size, servo):
 
 @inner
 def std_of(size, servo, j):
-    """Standard deviation of a deviation, of that before the flight."""
+    """Return the standard deviation of deviation j of the servo, as a share of the one before the flight."""
     square = 0.0
     for k in range(j, size.servo):
         square += servo.root[j, k] * servo.root[j, k]

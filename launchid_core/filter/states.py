@@ -30,8 +30,8 @@ ABSENT = -1
 
 @inner
 def place_in(nodes, t):
-    """(row before t [s], row behind it, share of the way) in nodes (n, any), held beyond both ends; a t that is no
-    number is the first node's."""
+    """Return (row before t [s], row behind, share of the way) in nodes (n, any), held beyond both ends; NaN: the first
+    node's."""
     low, high = 0, nodes.shape[0] - 1
     if nodes.shape[0] == 1 or not t > nodes[0, NODE_T]:
         return 0, 0, 0.0

@@ -1,8 +1,7 @@
 """The terms that the vehicle has, learned on many windows' information.
 
-Per window the data cannot tell ten terms apart under sensor noise; the whitened
-innovations of the last ten seconds can.  Backward elimination by t-value on a
-square-root information matrix with forgetting; a term enters above ENTER and
+Per window the data cannot tell ten terms apart under sensor noise; the innovations of the last ten seconds can.
+Backward elimination by t-value on a square-root information matrix with forgetting; a term enters above ENTER and
 leaves below LEAVE; the nominal's own two, theta and beta, stay above NOMINAL_TERMS_LEVEL.
 """
 

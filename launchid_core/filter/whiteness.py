@@ -1,29 +1,9 @@
-"""The test whether the model is true, on the innovations, block by block.
+"""The test whether the model is true, on the innovations, block by block: docs/method.md, "Is the model true?".
 
-For the right model, parameters and noise levels the sum of a block's normalised innovations, less what the
-uncertainty of a6 and k1 adds to its variance, is a white sequence for each channel.  Anything else that acts (wind
-where none is declared, slosh, a bending mode, a sensor's offset) is correlated from block to block.  Kept are fading
-sums over CHECK_MEMORY of each channel's mean and of its products with the WHITENESS_LAGS blocks before; divided by
-their standard deviations and squared they add up to a portmanteau statistic (Ljung & Box, Biometrika 65, 1978),
-approximately chi square, and the model is contradicted beyond CONTRADICTING_STATISTIC.  It is believed again below
-BELIEVED, which white innovations exceed 8 %.
-
-A part that stays, an acceleration or an offset of the gyro, is asked for in every window beside a6 and k1 and their
-slopes: by how much it would reduce the sum of squares is a chi square for the true model (Rao's score test: Proc.
-Camb. Phil. Soc. 44, 1948).  A window at rest cannot tell it from a6: what many windows know of it together is
-`undeclared`'s.
-
-One window's test alone fails by chance, of a true model once in 1,800 (windows of 1 s: once in 350 to 600, counted): it
-makes windows `MODEL` until one passes, and no more.  Sudden changes are taken back, and what was learned before is
-given up, where the contradiction is beyond chance: any other, a window that fails by far, or a second one within
-LONGEST_MEMORY.
-
-A sudden change of a6 or k1 is no fault of the model: blocks wait for as long as `changes` looks back, and those after
-the onset of a change are dropped.  Changes that follow one another within CHECK_MEMORY are a fault, and so is a noise
-level that had to be raised beyond HIGHEST_LEVEL of the declared.
-
-False alarms: white innovations did not exceed CONTRADICTING_STATISTIC in 6 h; by how their extremes grow they would
-about once in 40 h.  tests/core/test_onboard_wind.py holds 2 h.
+Of the right model the sums of a block's normalised innovations are white from block to block, in each channel.  Kept
+are fading sums of their means and of their products with earlier blocks: a portmanteau statistic (Ljung & Box,
+Biometrika 65, 1978).  A window's score test (Rao, Proc. Camb. Phil. Soc. 44, 1948) asks for a constant acceleration and
+an offset of the gyro; `undeclared` asks the same of many windows together.
 """
 
 import math
@@ -73,7 +53,7 @@ INNOVATION, FOR_A6, FOR_K1 = range(3)
 
 @inner
 def quietest_share(level):
-    """Share of the declared noise where there is less, of the noise that is loudest for what was declared of it."""
+    """Return the largest noise level as a factor of the declared, at most 1, of log levels `level` (L,)."""
     highest = level[0]
     for k in range(1, N_NOISES):
         highest = max(highest, level[k])
@@ -167,7 +147,7 @@ def note_loss(check, t):
 
 @inner
 def contradicted_by(check):
-    """NO_VERDICT, BLOCKS or KEEPS_CHANGING, whatever else contradicts the model."""
+    """Return what of the blocks contradicts the model: NO_VERDICT, BLOCKS (the statistic) or KEEPS_CHANGING."""
     if check.flag[IS_RESTLESS] == 1:
         return KEEPS_CHANGING
     return BLOCKS if check.number[STATISTIC] > CONTRADICTING_STATISTIC else NO_VERDICT

@@ -77,7 +77,7 @@ def fold_words(words):
 
 @inner
 def seal_control(clock, counts):
-    """Seal of what says where samples go and when windows close."""
+    """Seal of the clock (N_CLOCK,) and of the counts that place samples and close windows, counts[:COUNT_FIRST]."""
     seal = fold(clock, rb.N_CLOCK)
     for k in range(rb.COUNT_FIRST):
         seal = seal_integer(seal, counts[k], rb.N_CLOCK + k)
@@ -100,12 +100,6 @@ def is_control_whole(state, capacity):
 
 
 @inner
-def close_control(state):
-    """Clock and counts stay as they are until the next sample."""
-    state.guard[CONTROL] = seal_control(state.clock, state.counts)
-
-
-@inner
 def take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Gate and ring: the sample's Status.  Its row, clock and counts stay as they are until they are used.
 
@@ -122,7 +116,7 @@ def take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot
     code = rb.push(fixed.limits, state.clock, counts, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code >= 0:
         seals[newest] = fold(ring[newest], rb.N_COLUMNS)
-    close_control(state)
+    state.guard[CONTROL] = seal_control(state.clock, counts)
     return code
 
 

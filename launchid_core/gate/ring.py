@@ -1,8 +1,7 @@
 """The gate and the ring buffer: one sample in, one status out, never an allocation.
 
-A window is [t_start, t_start + window); windows lie end to end from the first
-sample on.  One closes with its last expected sample (t + 1.5 sample_period >
-t_end) or, if that is missing, with the first one after.  The ring keeps the
+A window is [t_start, t_start + window); windows lie end to end from the first sample on.  One closes with its last
+expected sample (t + 1.5 sample_period > t_end) or, if that is missing, with the first one after.  The ring keeps the
 newest m + 1 samples: a full window and the one that may come after it.
 """
 
@@ -34,7 +33,7 @@ HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, WAITING, ESTIM
 # WAITING: samples in the ring that were not used yet; ESTIMATES: 1 once a window has closed
 # STUCK_ROWS: windows with a sensor that stood still; WRAPS: jumps of theta across +-pi that were undone
 COUNT_FIRST = 11  # count[COUNT_FIRST + status - Status.BUSY] counts that answer
-N_STATUS = int(Status.RECOVERED) - int(Status.BUSY) + 1
+N_STATUS = len(Status)
 N_COUNT = COUNT_FIRST + N_STATUS
 N_GUARD = 2  # seals beside those of the rows: guard.CONTROL, guard.CARRIED
 
@@ -129,8 +128,8 @@ def unwrap(clock, count, theta, anew):
 def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.
 
-    After WINDOW_COMPLETE the closed window's rows are the count[CLOSED_ROWS] newest
-    ones in the ring but for the newest count[CLOSED_BACK].
+    After WINDOW_COMPLETE the closed window's rows are the count[CLOSED_ROWS] newest in the ring but for the newest
+    count[CLOSED_BACK].
     """
     code = gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code == ACCEPTED:

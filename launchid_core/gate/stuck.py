@@ -1,11 +1,9 @@
 """A sensor that stands still: the same value over and over while what it measures moves.
 
-How often neighbouring samples are equal says how coarse a channel is: its share of repeats p is learned from window to
-window, and in the window itself outside the longest run.  A run of n repeats has the chance p^n; below IMPROBABLE it is
-no accident of rounding.  That alone would refuse a coarse sensor on a quiet flight, so the neighbour must contradict
-it: theta stands still although the rate's integral moved it by QUANTUM_STEPS of its smallest steps, the rate stands
-still although theta moved by so much more than it says, the nozzle stands still although the command moved by so much.
-A nozzle without a logged command is not judged: it may be held; nor is a channel that never moved.
+A run of n repeats has the chance p^n, p being the channel's share of repeats, learned from window to window and in the
+window outside the longest run.  A run below IMPROBABLE is a stuck sensor if its neighbour moved meanwhile by more
+than QUANTUM_STEPS of the channel's smallest steps: the rate's integral for theta, theta for the rate, the command for
+the nozzle.  A nozzle without a logged command is not judged (it may be held), nor is a channel that never moved.
 """
 
 import numpy as np

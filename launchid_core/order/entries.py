@@ -37,16 +37,11 @@ REGRESSION_ENTRIES = (regression.push_sample, regression.open_window, regression
 
 
 class Calls(NamedTuple):
-    """An estimator's calls, with its memory.
+    """An estimator's calls, with its memory."""
 
-    update   a sample's fields -> Status
-    restart  forget every sample
-    report   fill the report; None for the formulations without one
-    """
-
-    update: Callable[..., int]
-    restart: Callable[[], None]
-    report: Callable[[], None] | None
+    update: Callable[..., int]         # a sample's fields -> Status
+    restart: Callable[[], None]        # forget every sample
+    report: Callable[[], None] | None  # fill the report; None for the formulations without one
 
 
 def entries_of(config: Config, memory: Memory) -> tuple[Any, ...]:
@@ -83,10 +78,6 @@ def precompile(config: Config, backwards: bool = False) -> bool:
     """Compile what an `Estimator` of this configuration needs; return whether it can be kept on disk, else do nothing.
 
     Two processes, one of which goes backwards, compile half of it each: what the other has kept is loaded.
-
-    Example
-    -------
-    >>> precompile(Config(formulation="difference"))
     """
     is_kept = cache.folder_of(__name__) is not None
     if is_kept:
@@ -118,27 +109,16 @@ def calls_of(config: Config, memory: Memory) -> Calls:
 
 
 class Port(NamedTuple):
-    """An estimator before its first sample, for a port to another language.
+    """An estimator before its first sample, for a port to another language."""
 
-    memory   its arrays by name (`parts`, `apart`) and the table that they come from
-    apart    of each array that stands apart, its part: `fixed`, `state` or `work`
-    carried  first line of the state that is sealed, with all after it
-    update   function of the memory and a Sample -> Status
-    report   function of the memory, filling the report; None for the formulations without one
-    seal     function of state, its words and rows -> seal of what is carried on; None where it is `guard.fold_words`
-    preface  what a saved state begins with; behind it the words of what persists, least byte first, and the CRC-32 of
-             all before (`Estimator.save`)
-    saved_bytes  of a saved state
-    """
-
-    memory: Memory
-    apart: dict[str, str]
-    carried: str
-    update: Callable[..., Any]
-    report: Callable[..., Any] | None
-    seal: Callable[..., Any] | None
-    preface: bytes
-    saved_bytes: int
+    memory: Memory              # its arrays by name (`parts`, `apart`) and the table that they come from
+    apart: dict[str, str]       # of each array that stands apart, its part: `fixed`, `state` or `work`
+    carried: str                # first line of the state that is sealed, with all after it
+    update: Callable[..., Any]  # of the memory and a Sample -> Status
+    report: Callable[..., Any] | None  # of the memory, fills the report; None for the formulations without one
+    seal: Callable[..., Any] | None  # of state, its words and rows -> seal of what is carried on; None: `fold_words`
+    preface: bytes              # of a saved state; then the words of what persists, least byte first, and the CRC-32
+    saved_bytes: int            # of a saved state
 
 
 def port_of(config: Config) -> Port:

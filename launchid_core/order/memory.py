@@ -17,7 +17,7 @@ from ..config import Config
 from ..filter import states as sx
 from ..filter.filtered import BLOCK, LEVEL_PRIOR, WIND_PRIOR
 from ..gate import ring as rb
-from ..model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, WIND_NOISES, Model
+from ..model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, SPREADS, WIND_NOISES, Model
 from ..regression import rows as pl
 from . import table as tb
 from .table import CARRIED_FROM, FIXED, I8, LARGEST_SIZE, STATE, Extent, Size, Struct
@@ -76,22 +76,14 @@ def named_arrays(value: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray
 
 
 class Memory(NamedTuple):
-    """All that an estimator has.
+    """All that an estimator has."""
 
-    size     how much of it is in use
-    struct   the table of its block
-    block    (1,) of the structured type
-    words    of the block what is carried on, seen as int64
-    parts    its arrays by name, as much as is in use
-    apart    by name, what grows with the window, the rate or a profile
-    """
-
-    size: Size
-    struct: Struct
-    block: np.ndarray
-    words: np.ndarray
-    parts: Any
-    apart: dict[str, np.ndarray]
+    size: Size         # how much of it is in use
+    struct: Struct     # the table of its block
+    block: np.ndarray  # (1,) of the structured type
+    words: np.ndarray  # of the block what is carried on, seen as int64
+    parts: Any         # its arrays by name, as much as is in use
+    apart: dict[str, np.ndarray]  # by name, what grows with the window, the rate or a profile
 
     @property
     def seen(self) -> Any:
@@ -117,20 +109,15 @@ def size_of(config: Config) -> Size:
                       by_share=int(_thresholds(config)[pl.OWN_SHARE] > 0.0))
 
 
-def _extents_apart(config: Config, size: Size) -> dict[str, int]:
-    """The extents of what stands apart."""
-    grown = {"held": config.rows + 1, "window": config.rows, "kept": config.kept_rows}
-    if config.model is not None:
-        grown |= {"innovations": sx.N_CHANNELS * block_samples(config), "nodes": len(config.model.profile_t),
-                  "air_nodes": max(1, len(_air_times(config.model))), "range_nodes": len(config.model.sigma_t)}
-    return size._asdict() | grown
-
-
 def allocate(config: Config) -> Memory:
     """Memory for a configuration, with what never changes in flight; what persists is zero."""
     size = size_of(config)
     struct = tb.FILTERED if config.formulation == "filtered" else tb.REGRESSION
-    block, grown = np.zeros(1, dtype_of(struct)), _extents_apart(config, size)
+    block = np.zeros(1, dtype_of(struct))
+    grown = size._asdict() | {"held": config.rows + 1, "window": config.rows, "kept": config.kept_rows}
+    if config.model is not None:
+        grown |= {"innovations": sx.N_CHANNELS * block_samples(config), "nodes": len(config.model.profile_t),
+                  "air_nodes": max(1, len(_air_times(config.model))), "range_nodes": len(config.model.sigma_t)}
     fixed = block[FIXED]["belief"] if struct is tb.FILTERED else block[FIXED]
     for name, number in size._asdict().items():
         fixed["size"][name] = number
@@ -199,7 +186,7 @@ def _fill_nuisances(model: Model, belief: Any, air: np.ndarray) -> None:
                 air[:, column] = np.interp(times, nodes, values)
     belief.partner[:] = sx.ABSENT
     for k, role in enumerate(model.nuisances):
-        belief.role[k], belief.spread[k], belief.level[k] = role, model.spread(role), sx.ABSENT
+        belief.role[k], belief.spread[k], belief.level[k] = role, getattr(model, SPREADS[role]), sx.ABSENT
         if role < MISALIGNMENT and WIND_NOISES[role] in levels:
             belief.level[k] = levels.index(WIND_NOISES[role])
         if role > ATTITUDE_BIAS:

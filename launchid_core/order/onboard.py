@@ -416,7 +416,7 @@ def seal_block(block, rows, words, code):
     state.guard[gd.CARRIED] = seal_carried(state, words, rows)
     if not is_sound(fixed.belief.size, state.filter, state.bank.total):
         return gd.give_up(state.counts, code)
-    gd.close_control(state)
+    state.guard[gd.CONTROL] = gd.seal_control(state.clock, state.counts)
     return code
 
 
@@ -485,7 +485,7 @@ def restart_filtered(block, rows, words):
 
 @kernel
 def report_now(block, profile, air):
-    """Everything that leaves beside the outcome, as of now: the closed window's end, or the last sample after it."""
+    """Fill work.report, all that leaves beside the outcome, as of the closed window's end or of a later last sample."""
     fixed, state, rep = block[0].fixed, block[0].state, block[0].work.report
     counts, clock = state.counts, state.clock
     is_later = counts[rb.ROWS] > counts[rb.CLOSED_BACK]

@@ -1,8 +1,5 @@
 """The memory of an estimator in one table: a line an array, with name, type, shape and meaning.
 
-From the table come the structured type that kernels see as a record (`block_type`), the named members that Python and
-un-jitted kernels see (`members`), what persists, what is sealed, what is saved, and the structs of a C port.
-
 Shapes are fixed maxima, as flight software has them, so that no choice of a user makes a kernel compile again; how much
 of an array is in use stands in `Size`; of what is sealed the rest stays zero.  What grows with the window, the sample
 rate or a profile's nodes stands apart, in arrays of its own (`SEPARATE_ARRAYS`).  In a saved state and in C every

@@ -1,13 +1,9 @@
 """The way from a closed window's samples to coefficients: rows, library, QR, sparse solve.
 
-Two formulations of theta_ddot = Theta(x) xi (and of theta_dot, beta_dot):
-
-* pointwise: derivative at every kept row, measured or differenced;
-* integral (weak form): x(t) - mean = (integral of Theta dt - mean) xi, means over
-  each gap-free piece, which frees its unknown starting value.
-  Messenger & Bortz, Multiscale Model. Simul. 19, 2021, with a step as test function.
-
-Sources: Navarro-Tapia et al., eq. 5 and 6; reduction to q x q in `sparse`.
+Two formulations of theta_ddot = Theta(x) xi (and of theta_dot, beta_dot): pointwise, the derivative at every kept row,
+measured or differenced; integral (weak form), x(t) - mean = (integral of Theta dt - mean) xi, means over each gap-free
+piece, which frees its unknown starting value (Messenger & Bortz, Multiscale Model. Simul. 19, 2021, with a step as test
+function).  Navarro-Tapia et al., eq. 5 and 6; reduction to q x q in `sparse`.
 """
 
 import numpy as np
@@ -19,7 +15,7 @@ from ..algebra.library import raw_from_standard
 from ..algebra.linsolve import dot, qr_factor, scale_columns
 from ..gate import ring as rb
 from ..gate import window as wn
-from ..gate.guard import CARRIED, close_control, fold_words, give_up, is_row_whole, take_sample
+from ..gate.guard import CARRIED, CONTROL, fold_words, give_up, is_row_whole, seal_control, take_sample
 from ..gate.stuck import stands_still
 from ..kernels import inner, kernel
 from . import rows as rw
@@ -233,7 +229,7 @@ def end_window(block, words, rows, marks, columns, series, status, n, kept, gaps
     out.flag[wn.GAPS_SEEN] = gaps
     state.counts[rb.ESTIMATES], state.counts[rb.WAITING] = 1, state.counts[rb.CLOSED_BACK]
     state.guard[CARRIED] = fold_words(words)
-    close_control(state)
+    state.guard[CONTROL] = seal_control(state.clock, state.counts)
 
 
 def close_window(size, block, words, ring, seals, rows, marks, columns, series, code):

@@ -1,26 +1,9 @@
-"""Standard deviations of a window's regression from its own residual, which is not white.
+"""Standard deviations of a window's regression from its own residual, which is not white: docs/method.md, "Standard
+deviations".
 
-A coefficient's error is sum c_i e_i over the rows: c its influence (its row of the
-pseudo-inverse), e what the model misses.  Two things make the textbook's s^2 (Phi'Phi)^-1
-too small, and both are measured on the window itself:
-
-* e is autocorrelated (a running integral of the sensors' noise is a random walk).  The variance of
-  the sum is that of the series v_i = c_i r_i at frequency zero:
-
-      S = sum_i v_i v_i' + sum_{l=1}^{L} (1 - l/(L + 1)) sum_i (v_i v_{i-l}' + v_{i-l} v_i'),   times n/(n - k)
-
-  Newey & West, Econometrica 55, 1987; n/(n - k): MacKinnon & White, J. Econometrics 29, 1985.  L by the plug-in of
-  Andrews, Econometrica 59, 1991, eq. 5.3, 6.2 and 6.4 (Bartlett's weights, a first order autoregression a series,
-  each series by its own scale).
-* a6 and k1 are not constant over the window, and the residual does not show it, for a common drift of both looks
-  like another pair of constants.  The equation is solved again with tau*theta and tau*beta beside its active terms:
-  S is that solution's, and the square of what the two solutions differ by is added.
-
-* derivatives and integrals of sampled signals are inexact, also without noise.  What a row may be off (`ROW_ERROR`)
-  times its influence adds up to what a coefficient may be off; rounding, a unit in the last place of the largest term,
-  to less.  Both squares are added.
-
-The estimates stay those of the constant model.
+Sources: Newey & West, Econometrica 55, 1987; n/(n - k): MacKinnon & White, J. Econometrics 29, 1985; the lag L by the
+plug-in of Andrews, Econometrica 59, 1991, eq. 5.3, 6.2 and 6.4 (Bartlett's weights, a first order autoregression a
+series, each series by its own scale).  The estimates stay those of the model with constant a6 and k1.
 """
 
 import math
@@ -40,7 +23,7 @@ BARTLETT = 1.1447    # of L for Bartlett's weights (Andrews, eq. 6.2)
 
 @inner
 def autoregression(v):
-    """What a series adds above and below the fraction in Andrews' eq. 6.4."""
+    """Return (numerator, denominator) that a series v (n,) adds to the fraction in Andrews' eq. 6.4."""
     count = v.shape[0]
     before = dot(v, v, 0, count - 1)
     if not before > 0.0:
@@ -52,7 +35,7 @@ def autoregression(v):
 
 @inner
 def bandwidth(above, below, count):
-    """Lags L that series of `count` numbers need together, 0..count/2."""
+    """Return the lags L, 0..count/2, of series of `count` numbers, of which `autoregression` gave above/below."""
     if not below > 0.0:
         return 0
     cube = BARTLETT * BARTLETT * BARTLETT * count * above / below
@@ -66,7 +49,7 @@ def bandwidth(above, below, count):
 
 @inner
 def long_run(v, w, lags, freedom, same):
-    """Element of S of the module's head, of two series (n,), which may be the `same`, with n - k = `freedom`."""
+    """Return the element of S (docs/method.md) of two series (n,), which may be the `same`; freedom = n - k."""
     count = v.shape[0]
     value = dot(v, w, 0, count)
     for lag in range(1, lags + 1):
@@ -78,7 +61,7 @@ def long_run(v, w, lags, freedom, same):
 
 @inner
 def own_variance(v, freedom):
-    """Element of S of one series, by its own scale."""
+    """Return the element of S of one series v (n,) with itself, lags by its own scale; freedom = n - k."""
     above, below = autoregression(v)
     return long_run(v, v, bandwidth(above, below, v.shape[0]), freedom, True)
 

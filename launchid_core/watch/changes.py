@@ -1,17 +1,9 @@
 """Sudden changes of a6 or k1: found, dated, sized.
 
-For every block of the last seconds, two trackers are kept that start with the
-belief of that moment and a jump added to it: of k1 alone, and of both
-parameters.  What each predicted since, against what the tracker without a jump
-predicted, is the log Bayes factor of a change at that block; the largest raises
-the alarm (Basseville & Nikiforov, Detection of Abrupt Changes, 1993, section
-4.4; with a prior on the jump instead of a maximum over it).
-
-All trackers let the deviations drift, so that a slow drift, which a constant fit
-over the last seconds would twist into a jump, raises no alarm.
-
-What the model lacks (a gust, an offset, a line) looks like a change before it
-contradicts the model: a change is withdrawn if a contradiction follows soon.
+For every block of the last seconds two trackers begin with the belief of that moment and a jump added, of k1 alone and
+of both.  What each predicted since, over what the tracker without a jump predicted, is the log Bayes factor of a change
+at that block (Basseville & Nikiforov, Detection of Abrupt Changes, 1993, section 4.4; with a prior on the jump instead
+of a maximum over it); the largest raises the alarm.  See docs/method.md, "Sudden changes".
 """
 
 import math
@@ -43,7 +35,7 @@ N_COUNTS = 4
 
 @inner
 def open_onset(states, state, belief, s_start, t):
-    """A block began at t with sensitivities s_start (n, 2): a change may have begun with it."""
+    """Begin a pair of trackers, of a change that may have begun at t [s] with sensitivities s_start (n, 2)."""
     slot = state.counts[NEXT]
     for i in range(states):
         for j in range(2):

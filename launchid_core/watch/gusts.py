@@ -1,16 +1,9 @@
-"""A gust after calm: wind that begins anew is no sudden change of a6 or k1.
+"""A gust after calm: wind that begins anew is no sudden change of a6 or k1 (docs/method.md, "Sudden changes").
 
-In calm air the wind's levels fall (`levels`), and the filter then takes the first gust for whatever can explain it:
-a jump of k1.  While a level is below half the declared one, the null hypothesis of `changes` is therefore a mixture of
-two: the filter's own, and a wind that begins anew with the declared levels.  Of the second runs an error d of the
-filter's state, jointly with the deviations of a6 and k1: innovations are h (a6, k1) + H d + white noise, d starts at
-zero with the calm's belief and grows by the increments that the declared wind has and the filter does not expect, one
-a block.  The two are weighted by how well they predict each block and by how often wind begins and ends (interacting
-multiple models: Blom & Bar-Shalom, IEEE TAC 33, 1988; only the windy one is restarted from the other).
-
-A jump has to explain more than the mixture.  Where the gust is likely, and no jump explains the blocks better than it,
-the filter takes it over: state, covariance and belief are those of a filter that had expected wind since it began.
-
+While a wind's level is low, the null hypothesis of `changes` is a mixture of two: the filter's own prediction, and that
+of a wind that begins anew with the declared levels.  Of the second runs an error d of the filter's state, jointly with
+the deviations of a6 and k1.  Both are weighted by how well they predict each block and how often wind begins and ends
+(interacting multiple models: Blom & Bar-Shalom, IEEE TAC 33, 1988; only the windy one is restarted from the other).
 Assumption: an increment of the wind comes at a block's start.
 """
 
@@ -30,7 +23,7 @@ WANDER = 0.003      # relative per sqrt(s), of a6 and k1 meanwhile, as of the tr
 
 @inner
 def forget_gust(gust):
-    """No wind has begun."""
+    """Reset the windy hypothesis: no wind has begun."""
     gust.mean[:] = 0.0
     gust.covariance[:, :] = 0.0
     gust.number[0] = 0.0
@@ -80,7 +73,7 @@ def blow(belief, fil, gust, dt):
 
 @inner
 def see_block(g, gust, column, pair):
-    """The block's rows, each with unit noise; returns their log predictive density.
+    """Update the windy hypothesis with the block's rows of unit noise; return their log predictive density.
 
     column (g,) scratch;  pair (g + 1, g + 1) in  square-root information: d, a6, k1, right-hand side
     """
@@ -95,7 +88,7 @@ def see_block(g, gust, column, pair):
 
 @inner
 def carry_gust(size, gust, column, transition):
-    """The state's error over the block."""
+    """Carry the windy hypothesis's error of the state over the block by its transition (n, >=n)."""
     carry_vector(transition, size.states, gust.mean[:], column)
     for i in range(size.gust):  # symmetric: rows are columns
         carry_vector(transition, size.states, gust.covariance[i], column)

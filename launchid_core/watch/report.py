@@ -50,7 +50,7 @@ def report_tracked(profile, total, contradicted, t, rep):
 
 @inner
 def report_part(total, value, variance, for_a6, for_k1, out):
-    """A value that depends on the deviations through `for_a6` and `for_k1`, and its standard deviation.  out (2,)"""
+    """Write a value that moves by `for_a6`, `for_k1` a deviation, and its standard deviation, to out (2,)."""
     variance += (for_a6 * for_a6 * total[sx.VAR_A6] + 2.0 * for_a6 * for_k1 * total[sx.COV]
                  + for_k1 * for_k1 * total[sx.VAR_K1])
     out[0], out[1] = value, np.sqrt(variance)
@@ -137,8 +137,8 @@ def report_level(size, gauge, rep):
 
 @inner
 def report_change(event, first, nominal, variance, parameter, rep):
-    """One parameter's part in a sudden change.  first: where in `event` its value before stands, its value after
-    behind."""
+    """Write one parameter's part of a sudden change as a row of the report.  first: place in `event` of its value
+    before, which its value after follows."""
     k = rep.flag[CHANGES]
     before, after = event[first], event[first + 1]
     change = rep.change[k]

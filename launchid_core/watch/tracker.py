@@ -1,15 +1,8 @@
 """The tracked estimate: relative deviations of a6 and k1, followed from block to block.
 
-A bank of Kalman filters, each with its own belief of how the deviations move: a
-random walk of some speed, and a slope that forgets itself over SLOPE_TIME with
-some standard deviation.  They are weighted by how well each predicted the last
-seconds (dynamic model averaging: Raftery, Karny & Ettler, Technometrics 52, 2010).
-A constant deviation wants a slow walk; a drifting one wants a slope: a faster
-walk instead is judged by the ratio a6/k1, which the data know a hundred times
-better than a6 and k1 themselves and follow with any speed.
-
-A block's data reach the bank as two scalar measurements with unit noise, the
-rows of its square-root information.
+A bank of Kalman filters, each with its own random walk and a slope that forgets itself over SLOPE_TIME, weighted by how
+well each predicted the last seconds (dynamic model averaging: Raftery, Karny & Ettler, Technometrics 52, 2010).  A
+block's data are two scalar measurements with unit noise, the rows of its square-root information.
 """
 
 import numpy as np
@@ -31,7 +24,7 @@ TRACKER_MEMORY = 30.0      # s over which the members are judged
 
 @inner
 def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
-    """Every member believes the same; the members' evidence stays."""
+    """Give every member this mean and covariance of (a6, k1), slopes 0; the members' weights stay."""
     for i in range(len(MEMBERS)):
         state.mean[i, :] = 0.0
         state.mean[i, 0], state.mean[i, 1] = mean_a6, mean_k1

@@ -1,14 +1,8 @@
 """The uncertainty level: where in its range sigma each parameter is, and whether it has left it.
 
-From the tracked relative deviation d with variance v: delta = d/sigma(t), as in a = a0 (1 + sigma delta), and the
-probabilities of the bands of |delta| under a normal of that mean and standard deviation.
-
-The alarm is sequential: looked at after every block, raised when delta is beyond +1, or beyond -1, with a posterior
-of RAISE.  One side must be decided: |delta| > 1 is also probable where nothing is known (the prior's FIRST_STD may be
-many sigma), but neither side is.  It clears when |delta| > 1 is less probable than CLEAR, which wants data as well.
-
-When it began: the block in which delta's mean crossed 1 for the last time, or the onset that `changes` found if that
-is earlier; if the parameter had never been known inside, the first sample, since nothing says that it ever was.
+delta = d/sigma(t), as in a = a0 (1 + sigma delta), d being the tracked relative deviation; bands of |delta| have the
+probabilities of a normal of its mean and standard deviation.  The alarm, looked at after every block, wants one side
+decided: |delta| > 1 is also probable where nothing is known.  See docs/method.md, "The uncertainty level".
 
 Assumption: the tracker's posterior is normal; looking again and again is paid for by RAISE and by the tracker's
 random walk, which over-covers a constant delta (measured: benchmarks/uncertainty.py).
@@ -39,7 +33,7 @@ N_UNCERTAINTY_FLAGS = 2
 
 @inner
 def restart_gauge(gauge):
-    """Nothing is known before the first sample."""
+    """Reset both parameters' places in their range: nothing is known before the first sample."""
     gauge.delta[:] = np.nan
     gauge.delta_std[:] = np.nan
     gauge.probability[:, :] = np.nan
@@ -61,7 +55,7 @@ def inside(edge, mean, std):
 
 @inner
 def judge(gauge, p, mean, std, t, t_first, onset):
-    """The sequential alarm of parameter p.
+    """Raise or clear the sequential alarm of parameter p.
 
     mean, std  of delta at t [s];  t_first [s]: the first sample;  onset [s]: of a sudden change in this block, or inf
     """

@@ -1,22 +1,10 @@
 """Wind and misalignment that no nominal declared: followed beside a6 and k1, only to know whether they are there.
 
-A model without nuisances says that the air stands still and that the thrust is straight.  Where it is not so a constant
-acceleration acts, nearly a6 times an attitude that rests: a window takes it for another a6, and no check of the same
-window can see it.  Over many windows a6_nominal(t) w + k1_nominal(t) d is another thing than a6_nominal(t) theta(t),
-for the attitude moves.  So a Kalman filter has w and d [rad], constants within UNDECLARED_STD, beside the deviations of
-a6 and k1, which move as the tracker's members do.  They are there if their estimates are further from zero than a chi
-square of two allows (Wald's test, Trans. Am. Math. Soc. 54, 1943): then the model is contradicted (`whiteness`), until
-data say otherwise; that time passes which tells nothing of them is no reason to believe it again.
-
-What begins or ends is found by a second filter, which forgets them over NEW_MEMORY: where it has predicted the blocks
-better by more than SECOND_EVENT nats than the first (Page's test, Biometrika 41, 1954), the first goes on from it, and
-the other way round.  A sudden change of a6 or k1 frees them in the first alone, which forgets what the blocks since the
-onset told of w and d, for until it is found a loss passes for wind: so the second says whether it was not wind.
-Where blocks have contradicted the model (a sensor that stood still, a swinging mode) both know nothing of a6 and k1
-afterwards; while changes follow one another (a gust) both wait, and begin anew.  So they do as often as a sensor turns
-out noisier than it was taken for.
-
-Assumption: the acceleration acts on the block's innovations as if a6 and k1 of the nominal were the block's.
+A Kalman filter over (a6, k1, their slopes, w, d) takes the acceleration a6_nominal(t) w + k1_nominal(t) d from the
+blocks (Wald's test, Trans. Am. Math. Soc. 54, 1943); a second one, which forgets w and d over NEW_MEMORY, follows what
+begins or ends (Page's test, Biometrika 41, 1954).  How they go on after a change, a contradiction or a gust:
+docs/method.md, "Is the model true?".  Assumption: the acceleration acts on a block as if its a6 and k1 were the
+nominal's.
 """
 
 import math
@@ -73,7 +61,7 @@ def copy_knowledge(mean, covariance, to_mean, to_covariance):
 
 @inner
 def restart_undeclared(state):
-    """Nothing is known."""
+    """Reset both filters to what is known before the first sample."""
     for f in range(FILTERS):
         forget_places(state, f, 0, UNDECLARED_SIZE)
         state.better[f] = 0.0
@@ -85,7 +73,7 @@ def restart_undeclared(state):
 
 @inner
 def begin_block(state):
-    """Keep what was known before the block, once in CHANGE_BLOCKS blocks."""
+    """Remember the first filter's knowledge before the block, in a ring of the last CHANGE_BLOCKS blocks."""
     if state.flag[AGE] >= sx.CHANGE_BLOCKS:
         state.flag[NEWER], state.flag[AGE] = 1 - state.flag[NEWER], 0
         slot = state.flag[NEWER]
@@ -157,20 +145,9 @@ def reduce_moment(belief, work, triangle, share):
     absorb_rows(work.triangle[:], work.rows[:], N_BLOCK_COLUMNS, c)
 
 
-@inner
-def choose_filter(state, better):
-    """The second filter predicted the block better by so many nats: it may be the one to go on from, or not."""
-    state.better[NEW] = max(state.better[NEW] + better, 0.0)
-    state.better[CONSTANT] = max(state.better[CONSTANT] - better, 0.0)
-    for f in range(FILTERS):
-        if state.better[f] > SECOND_EVENT:  # both go on from it
-            copy_knowledge(state.mean[f], state.covariance[f], state.mean[1 - f], state.covariance[1 - f])
-            state.better[:] = 0.0
-
-
 @kernel
 def follow_undeclared(block, profile):
-    """Take what a block that was gathered says of wind and misalignment that nobody declared."""
+    """Update both filters of undeclared wind and misalignment with the gathered block; raise or clear FOUND."""
     belief, fil, state, work = block[0].fixed.belief, block[0].state.filter, block[0].state.undeclared, block[0].work
     if belief.size.undeclared == 0:
         return
@@ -201,7 +178,12 @@ def follow_undeclared(block, profile):
             e, variance = measure(mean, covariance, row, 0, UNDECLARED_SIZE, r[N_BLOCK_COLUMNS - 1], column)
             density = -0.5 * (log_of(variance) + e * e / variance)
             better += density if f == NEW else -density
-    choose_filter(state, better)
+    state.better[NEW] = max(state.better[NEW] + better, 0.0)  # nats by which the second predicted the blocks better
+    state.better[CONSTANT] = max(state.better[CONSTANT] - better, 0.0)
+    for f in range(FILTERS):
+        if state.better[f] > SECOND_EVENT:  # both go on from it
+            copy_knowledge(state.mean[f], state.covariance[f], state.mean[1 - f], state.covariance[1 - f])
+            state.better[:] = 0.0
     contradiction = distance(state.mean[CONSTANT], state.covariance[CONSTANT])
     if not contradiction < np.inf:
         restart_undeclared(state)

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..csv_text import AS_TEXT, rows
+from ..csv_text import AS_TEXT, number, rows, shown
 from ..errors import InputError
 from ..files import reads
-from ..log_table import number, shown
 from ..sections import Profile
 
 VEHICLE, DRIFT_COLUMNS, FORECAST = ("t", "a6", "k1"), ("t", "z_alpha", "z_beta"), ("t", "wind")  # headers

@@ -12,9 +12,9 @@ from shortened import short
 import launchid
 from launchid.cli.main import main
 from launchid.log.log import read_log, write_columns
+from launchid.shown import with_std
 from sim.effects import effect
 from sim.nominal import write_nominal
-from sim.shown import with_std
 
 ROOT = Path(__file__).resolve().parents[3]
 

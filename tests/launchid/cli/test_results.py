@@ -16,7 +16,7 @@ import launchid
 from launchid.log.log import flown_log
 from sim.flight import fly_whole
 from sim.nominal import load_nominal, write_nominal
-from sim.shown import NOTEBOOK_ROWS
+from sim.result import NOTEBOOK_ROWS
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figures")
 pandas = pytest.importorskip("pandas", reason="pandas is not installed: no frames")

@@ -22,8 +22,8 @@ from mutated import mutated
 from launchid.cli.main import main
 from launchid.log.log import measured_logs, read_log
 from launchid.log.stamps import usable_rows
+from launchid.log.table import ROWS_A_BLOCK
 from sim.errors import InputError
-from sim.log_table import ROWS_A_BLOCK
 
 
 @every("case", MALFORMED)

@@ -24,6 +24,7 @@ from launchid.cli.main import main
 from launchid.identification.windows import onboard_model
 from launchid.log.live import part
 from launchid.log.log import flown_log, log_of, read_log
+from launchid.shown import with_std
 from launchid.watch.follower import LAST_WINDOWS, Follower
 from launchid.watch.last_rows import CHECKED, MOST_CHECKED, LastRows
 from launchid.watch.lines import LONGEST_LINE, Lines
@@ -36,7 +37,6 @@ from launchid_core.watch.tracker import STEADY, TRACKER_WALK
 from sim.errors import UsageError
 from sim.flight import fly, fly_whole, parameters
 from sim.nominal import Nominal, load_nominal
-from sim.shown import with_std
 
 ROOT = Path(__file__).resolve().parents[3]
 SECONDS = 12.0      # of the log that is watched

@@ -1,14 +1,11 @@
 """Write numbers for a reader: a value to the digit that its standard deviation makes known."""
 
 import math
-from html import escape
-from typing import Any
 
 DIGITS = 2          # of a standard deviation: more are not known
 MOST_DECIMALS = 9   # a number closer to the noise of arithmetic is written with an exponent
 NO_STD_DIGITS = 5   # of a value without one
 SLOWEST_PERIOD = 0.5  # s: no launcher is logged as slowly, and milliseconds are above it
-NOTEBOOK_ROWS = 40  # of a table in a notebook
 PLUS_MINUS = "+- is one standard deviation"   # everywhere; a 95 % interval is named, or written a..b
 
 
@@ -66,19 +63,3 @@ def slow_hint(period: float) -> str:
         return ""
     unit, factor = ("milliseconds", 1e3) if period < SLOWEST_PERIOD * 1e3 else ("microseconds", 1e6)
     return f"; the log's step of {period:.4g} looks like {unit}: divide t by {factor:g}"
-
-
-def html_table(columns: dict[str, list[Any]]) -> str:
-    """Return columns of equal length as an HTML table; rows beyond NOTEBOOK_ROWS are only counted."""
-    rows = len(next(iter(columns.values()), []))
-    shown = zip(*(x[:NOTEBOOK_ROWS] for x in columns.values()), strict=True)
-    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    body = "".join(f"<tr>{''.join(f'<td>{_cell(x)}</td>' for x in row)}</tr>" for row in shown)
-    more = f"<p>... and {rows - NOTEBOOK_ROWS} more rows</p>" if rows > NOTEBOOK_ROWS else ""
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}"
-
-
-def _cell(x: Any) -> str:
-    if x is None or (isinstance(x, float) and math.isnan(x)):
-        return "-"
-    return f"{x:.{NO_STD_DIGITS}g}" if isinstance(x, float) else escape(str(x))

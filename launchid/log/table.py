@@ -5,7 +5,6 @@ Rows become numbers in blocks, column by column: a whole log takes the memory of
 
 import difflib
 import itertools
-import math
 import re
 from array import array
 from collections import Counter
@@ -13,32 +12,21 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
-from .errors import InputError
+from sim.csv_text import number, shown
+from sim.errors import InputError
 
 REQUIRED = ("t", "theta", "beta")
 OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref", "gamma", "alpha", "rate_ref")
 ROWS_A_BLOCK = 4096  # rows that are text at a time
-CELL_CHARACTERS = 40  # characters of a cell in a message
 FOREIGN_DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs' files
 
 OTHER_NAMES = {  # of what other people call a log's columns
     "t": ("time", "timestamp", "seconds"), "theta": ("pitch", "attitude", "angle", "yaw", "roll"),
     "beta": ("nozzle", "gimbal", "tvc", "deflection", "servo", "elevator", "input", "u")}
 
-# float() alone takes 1_000, Arabic-Indic digits and more; a log's cell is a plain ASCII number
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,4})?\Z|[+-]?inf(inity)?\Z", re.ASCII | re.IGNORECASE)
-_NOT_MEASURED = re.compile(r"([+-]?nan)?\Z", re.ASCII | re.IGNORECASE)  # C prints -nan
 _INTEGER = re.compile(r" *[+-]?\d+ *\Z", re.ASCII)
-_PLAIN = re.compile(r"[0-9+\-.eE \n]*\Z")       # where float() takes what _NUMBER does, but for
+_PLAIN = re.compile(r"[0-9+\-.eE \n]*\Z")       # where float() takes what `number` does, but for
 _LONG_EXPONENT = re.compile(r"[eE][+-]?\d{5}")  # these
-
-
-def number(text: str) -> float | None:
-    """Return a cell's number; NaN: not measured; None: no number."""
-    text = text.strip()
-    if _NOT_MEASURED.match(text):
-        return math.nan
-    return float(text) if _NUMBER.match(text) else None
 
 
 def numbers(cells: Sequence[str]) -> list[float] | None:
@@ -51,11 +39,6 @@ def numbers(cells: Sequence[str]) -> list[float] | None:
             pass
     values = [number(cell) for cell in cells]
     return None if None in values else values  # type: ignore[return-value]
-
-
-def shown(cell: str) -> str:
-    """Return a cell as text for a message: escaped, and cut to CELL_CHARACTERS."""
-    return ascii(cell if len(cell) <= CELL_CHARACTERS else cell[:CELL_CHARACTERS] + "...")
 
 
 def places(path: str, header: list[str], required: tuple[str, ...], where: str = "line 1: ") -> dict[str, int]:
