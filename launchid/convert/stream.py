@@ -76,7 +76,7 @@ class MappedStream:
 
 
 class MappedColumns:
-    """Reader of the rows under one header, by a map; methods as of `launchid.log.table.Columns`, which reads plain logs.
+    """Reader of the rows under one header, by a map; methods of `launchid.log.table.Columns`, which reads plain logs.
 
     ignored  empty: a map takes only what it names
     """
