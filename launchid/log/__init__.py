@@ -1,1 +1,1 @@
-"""A log as it was measured: read, and checked before anything uses it."""
+"""Read flight logs, and check them before anything uses them."""

@@ -1,11 +1,11 @@
-"""The faults of one channel by itself: infinite or absurd values, dropouts, stale runs, spikes.
+"""Find faults of one log column by itself: infinite or absurd values, dropouts, stale runs, spikes.
 
-Nothing here asks what the vehicle should do; a physical effect must pass.  A run of one value is bad where it is far
-longer than the channel's own runs although its noise moves the rows beside it, or where the channel leaves it with a
-jump that nothing beside it has.  A spike is a row that neither the noise nor the motion beside it explains.
+No model of the vehicle is used, and a physical effect must pass.  A run of one value is bad where it is far longer than
+the channel's usual runs although noise moves the rows beside it, or where the channel leaves it with a jump that
+nothing beside it has.  A spike is a row that neither the noise nor the motion beside it explains.
 
-Limitations: a channel whose quantum hides its noise, or that has none, shows a stale run by the jump at its end only; a
-spike of two rows or more is none.
+Limitations: a channel without noise, or with a quantum that hides it, shows a stale run only by the jump at its end; a
+spike of two rows or more is not found.
 """
 
 from collections.abc import Iterator, Mapping
@@ -46,10 +46,10 @@ def _plural(count: int, word: str) -> str:
 
 def judged(t: np.ndarray, columns: Mapping[str, np.ndarray], usable: np.ndarray,
            own: Mapping[str, np.ndarray], ends: Mapping[str, Ends]) -> tuple[dict[str, np.ndarray], list[Fault]]:
-    """(masks as `detect.DataCheck`'s, faults) of every column (n,) by itself.
+    """Check each column (n,) by itself; return (masks, faults), mask (n,) bool: the value may be used.
 
-    usable (n,) bool: of the stamps;  own  (n,) bool of each measured column: not repeated or interpolated by a logger
-    ends    of sensed columns: of all rows so far, where these are the last
+    usable (n,) bool: good stamp;  own  sensor column -> (n,) bool: measured, not filled in by a logger
+    ends   column -> `stops.ends_of` of all rows so far, where these rows continue a log
     """
     masks: dict[str, np.ndarray] = {}
     faults: list[Fault] = []
@@ -73,7 +73,7 @@ def judged(t: np.ndarray, columns: Mapping[str, np.ndarray], usable: np.ndarray,
 
 
 def out_of_range(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray) -> Iterator[Fault]:
-    """Infinite or absurd values of x (n,); clears them in mask (n,) inout."""
+    """Yield a Fault for infinite and one for absurdly large values of x (n,); set mask (n,) False there, in place."""
     for bad, what in ((np.isinf(x), "infinite"), (np.isfinite(x) & (np.abs(x) > LARGEST_ANGLE), "absurdly large")):
         rows = np.flatnonzero(bad)
         if len(rows) > 0:
@@ -87,7 +87,7 @@ def out_of_range(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray) -> I
 
 
 def missing_runs(name: str, t: np.ndarray, x: np.ndarray) -> Iterator[Fault]:
-    """Runs of NaN in a channel x (n,) that is measured elsewhere in the log."""
+    """Yield one Fault for dropouts of x (n,), runs of FEWEST_RUN NaN or more, unless all is NaN or runs are many."""
     empty = np.isnan(x)
     if empty.all():
         return
@@ -102,10 +102,10 @@ def missing_runs(name: str, t: np.ndarray, x: np.ndarray) -> Iterator[Fault]:
 
 def zero_rows(t: np.ndarray, columns: Mapping[str, np.ndarray], masks: dict[str, np.ndarray],
               resting: int) -> Iterator[Fault]:
-    """Rows in which every sensor reads exactly zero at once, although one of them is far from zero beside most such
-    rows: a logger that writes 0 for what did not come; clears them in masks inout.
+    """Yield one Fault for rows in which all sensors read exactly 0 although one of them is far from 0 beside most such
+    rows: a logger writes 0 for a missing value.  Set masks (column -> (n,) bool) False there, in place.
 
-    resting  rows from the first on in which nothing has moved yet
+    resting  number of first rows in which the vehicle has not moved yet: zeros there are true
     """
     there = {name: columns[name] for name in SENSOR_COLUMNS if np.isfinite(columns[name]).any()}
     zero = np.logical_and.reduce([np.arange(len(t)) >= resting, *(x == 0.0 for x in there.values())])
@@ -132,10 +132,10 @@ def zero_rows(t: np.ndarray, columns: Mapping[str, np.ndarray], masks: dict[str,
 
 def frozen_runs(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, own: np.ndarray,
                 resting: int) -> Iterator[Fault]:
-    """Runs of exact zeros (dropout) and of one other value (stale) in the own rows (n,) of x (n,); clears them in mask
-    (n,) inout.
+    """Yield a Fault for runs of zeros (dropout) and one for runs of another value (stale) in x (n,), among the rows
+    where mask (n,) and own (n,) are True; set mask False there, in place.
 
-    resting  rows from the first on in which nothing has moved yet: zero is then the truth
+    resting  number of first rows in which the vehicle has not moved yet: a run that begins there is no fault
     """
     rows = np.flatnonzero(mask & own)
     values = x[rows]
@@ -158,7 +158,7 @@ def frozen_runs(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, own: 
 
 def _frozen_faults(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, rows: np.ndarray,
                    bad: dict[str, list[tuple[int, int]]]) -> Iterator[Fault]:
-    """The faults of these runs (in indices of `rows`); clears them in mask."""
+    """Yield one Fault for each kind in `bad` (kind -> runs as indices of `rows`); set mask False there, in place."""
     for kind, runs in bad.items():
         if not runs:
             continue
@@ -178,7 +178,7 @@ def _frozen_faults(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, ro
 
 
 def _dithers(values: np.ndarray, start: int, end: int) -> bool:
-    """Noise moves the values beside the run [start, end), next to it too: what comes to rest comes smoothly."""
+    """Whether noise moves the values on both sides of run [start, end), up to its ends (a motion stops smoothly)."""
     before = np.diff(values[max(0, start - ROWS_AROUND):start + 1])[::-1]
     sides = [steps for steps in (before, np.diff(values[end - 1:end + ROWS_AROUND])) if len(steps) >= FEWEST_BESIDE]
     return len(sides) > 0 and all(
@@ -187,7 +187,7 @@ def _dithers(values: np.ndarray, start: int, end: int) -> bool:
 
 
 def _jumps(values: np.ndarray, start: int, end: int, quantum: float) -> bool:
-    """The value enters or leaves the run [start, end) with a jump that the rows beside it do not have."""
+    """Whether the value jumps out of run [start, end), or into a run of zeros, by more than any step beside it."""
     beside = np.abs(np.concatenate((np.diff(values[max(0, start - ROWS_AROUND):start]),
                                     np.diff(values[end:end + ROWS_AROUND]))))
     if len(beside) < FEWEST_BESIDE:
@@ -203,9 +203,9 @@ def _jumps(values: np.ndarray, start: int, end: int, quantum: float) -> bool:
 
 def spikes(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, own: np.ndarray,
            command: np.ndarray) -> Iterator[Fault]:
-    """Outliers of single own rows (n,) in x (n,); clears them in mask (n,) inout.
+    """Yield one Fault for the spikes of x (n,) where mask (n,) and own (n,) are True; set mask False there, in place.
 
-    command (n,)  that it follows; NaN where there is none
+    command (n,)  nozzle command that x follows, whose steps are no spikes; NaN where there is none
     """
     rows = np.flatnonzero(mask & own)
     if len(rows) < FEWEST_MEASURED:
@@ -221,7 +221,7 @@ def spikes(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, own: np.nd
 
 
 def spike_rows(x: np.ndarray, command: np.ndarray) -> np.ndarray:
-    """Indices of the spikes in x (n,), all measured, which follows the command (n,), NaN where there is none."""
+    """Return the indices of spikes in x (n,), all finite.  command (n,): the nozzle's if x follows it, else NaN."""
     n, marked = len(x), np.zeros(len(x), bool)
     asked = SERVO_STEP * np.nan_to_num(np.abs(np.diff(command, prepend=command[:1])))
     asked = np.max(np.lib.stride_tricks.sliding_window_view(np.pad(asked, (ROWS_NEXT_TO, 0)), ROWS_NEXT_TO + 1), axis=1)
@@ -248,9 +248,9 @@ def spike_rows(x: np.ndarray, command: np.ndarray) -> np.ndarray:
 
 
 def _stands_alone(x: np.ndarray, size: np.ndarray, k: int, away: float, least: float) -> bool:
-    """Whether row k of x (n,), which leaves its neighbours and comes back at once, has nothing like it beside it.
+    """Whether row k of x (n,), which leaves both neighbours and returns at once, has nothing like it beside it.
 
-    size (n,)  what the rows beside each leave of it;  away  how far it leaves them;  least  what it must
+    size (n,)  residuals against interpolation;  away  k's distance from its nearer neighbour;  least  its lower limit
     """
     moves = np.abs(np.concatenate((np.diff(x[max(0, k - ROWS_NEXT_TO):k]), np.diff(x[k + 1:k + ROWS_NEXT_TO + 1]))))
     inside = 0 < k < len(x) - 1

@@ -1,7 +1,7 @@
-"""The data check in front of the commands: what seems wrong with a log, in one line, before its numbers are believed.
+"""Check a log before a command uses it: mend stamps and turns, mask bad values, warn in one line of what is wrong.
 
-The detector (`launchid.log.detect`) sees a unit or a sign against another column; what only the vehicle could tell
-(beta and its command both reversed) `log.vehicle` sees.
+`log.detect` finds faults of columns by themselves and of columns against each other, `log.vehicle` those that only the
+vehicle's equation shows (beta and its command both reversed).
 """
 
 import math
@@ -34,12 +34,11 @@ BRIDGED = 2             # rows in a row without theta or beta that are missing m
 
 @dataclass(frozen=True, eq=False)
 class CheckedLog:
-    """A log that was looked at once, for every command.
+    """A log after the data check, as every command uses it.
 
-    log     what may be used: nothing is measured (NaN) where the check finds a fault of rows, stamps lie on the grid
-            that they belong to, whole turns are put back
-    raw     as it was read;  faults  as found, for an estimator;  mended  what was put right
-    data    the masks of the columns, and what the columns show by themselves
+    log     to be used: NaN where the check found a bad value, rounded stamps on their grid, whole turns put back
+    raw     as it was read;  faults  that were found;  mended  what was put right
+    data    the check's masks, and the rates at which columns were sampled
     """
 
     log: Log
@@ -50,52 +49,52 @@ class CheckedLog:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was mended, in words."""
+        """One line for each thing that was mended (stamps put on a grid, turns put back), with the log's path."""
         return tuple(f"{self.raw.path}: {fault.message}" for fault in self.mended)
 
     @property
     def bridged(self) -> float:
-        """The time [s] over which single missing cells are missing measurements, not gaps: that of BRIDGED rows; 0 if
-        no row lacks theta or beta, or all do."""
+        """Step between usable rows [s] up to which the rows between are missing measurements, not a gap: BRIDGED rows;
+        0 if no row lacks theta or beta, or all do."""
         log, there = self.log, np.isfinite(self.log.t)
         missing = there & ~(np.isfinite(log.theta) & np.isfinite(log.beta))
         return (BRIDGED + 1.5) * log.period if missing.any() and not missing[there].all() else 0.0
 
     @property
     def rates(self) -> dict[str, Rate]:
-        """How often theta, theta_dot and beta change."""
+        """theta, theta_dot, beta -> the `Rate` at which the column was sampled."""
         return self.data.rates
 
     @property
     def foreign(self) -> str:
-        """In words the columns that hold another quantity than their names say; "" if none.  No number of such a log is
-        of one motion."""
+        """Which columns hold another quantity than their names say, in words; "" if none.  If any does, no number that
+        is identified from the log can be right."""
         return foreign(self.faults)
 
     @property
     def doubtful(self) -> str:
-        """What without a nominal makes every number doubtful, in words; "": nothing."""
+        """Faults that make all numbers doubtful if no nominal decides (a scale of theta_dot), in words, or ""."""
         return "; ".join(fault.message for fault in self.faults if fault.kind in DOUBTFUL)
 
     @property
     def line(self) -> tuple[str, ...]:
-        """The data check's warning in one line; () if it found nothing."""
+        """The data check's faults as a warning of one line, with the log's path; () if it found none."""
         return (f"{self.raw.path}: the data check: {'; '.join(fault.message for fault in self.faults)}",) \
             if self.faults else ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """All that a user should know of the log."""
+        """All lines that a user should read: the faults, what was mended, and whether the log has no sensor noise."""
         return (*self.line, *self.notes, *ideal_note(self.log))
 
 
 def checked(log: Log, nominal: Nominal | None = None, *, strict: bool = False,
             refuse_columns: bool = False) -> CheckedLog:
-    """Check a log; the one way from a file to what a command may use.
+    """Check a log: the only way from a Log as it was read to one that a command may use.
 
-    nominal  None: the columns are judged by each other alone
-    InputError where the log's clock is none (in another unit than seconds, or of rows that are out of order), if
-    `strict` and anything was found, or if a column is of another quantity than its name says and that is refused.
+    nominal  None: columns are judged by themselves and by each other alone
+    InputError if t is not in seconds or its rows are out of order; if `strict` and there is any fault; if
+    `refuse_columns` and a column holds another quantity than its name says.
     """
     made = examined(log, nominal or _unknown(log.period))
     for fault in clock_faults(made.data):
@@ -106,7 +105,7 @@ def checked(log: Log, nominal: Nominal | None = None, *, strict: bool = False,
 
 
 def examined(log: Log, nominal: Nominal) -> CheckedLog:
-    """Check a log of any content for who judges it whatever is found (a diagnosis); others call `checked`."""
+    """Check a log as `checked`, but refuse none for its faults: a diagnosis judges bad ones too."""
     mended, grid = _on_grid(log)
     mended, turns = unwrapped(mended)
     data = check(mended, nominal)
@@ -116,12 +115,12 @@ def examined(log: Log, nominal: Nominal) -> CheckedLog:
 
 
 def clock_faults(data: DataCheck) -> list[Fault]:
-    """The faults of t without which there is no period."""
+    """Return the faults of t that leave no sample period: another unit than seconds, rows out of order."""
     return [fault for fault in data.faults if fault.channel == "t" and fault.kind in CLOCK_FAULTS]
 
 
 def measured(log: Log, data: DataCheck) -> Log:
-    """The log with nothing measured (NaN) where the check finds a fault of rows."""
+    """Return the log with NaN where the check found a value bad; values that an estimator itself rejects stay."""
     with np.errstate(invalid="ignore"):
         rejected = ~data.usable | np.any([np.abs(getattr(log, name)) > LARGEST_ANGLE for name in VALUES], axis=0)
     columns: dict[str, Any] = {name: _measured(log, name, data, rejected) for name in VALUES if name in log.columns}
@@ -129,23 +128,23 @@ def measured(log: Log, data: DataCheck) -> Log:
 
 
 def faults(log: Log, nominal: Nominal | None) -> tuple[Fault, ...]:
-    """The faults that the data check finds; without a nominal those that the columns show of each other."""
+    """Return the faults that `checked` finds, which may raise; without a nominal no fault is found that needs one."""
     return checked(log, nominal).faults
 
 
 def columns_alone(log: Log) -> DataCheck:
-    """The data check of a log whose clock may be none."""
+    """Run the data check without a nominal, on a log whose t may have no period."""
     return check(log, _unknown(log.check_clock() or 1.0))
 
 
 def _unknown(period: float) -> Nominal:
-    """Return a nominal with a6, k1 and all noise levels 0."""
+    """Return a nominal of this sample period [s] with a6, k1 and all noise levels 0."""
     return Nominal(name="", vehicle=constant_profile(0.0, 0.0), terms=(), sensors=Sensors(
         period=period, theta_std=0.0, theta_dot_std=0.0, beta_std=0.0))
 
 
 def _on_grid(log: Log) -> tuple[Log, list[Fault]]:
-    """The log with stamps that were rounded to a tick on their grid, and what was done."""
+    """Return (the log with stamps that were rounded to a tick put on their even grid, a Fault that says so or none)."""
     log.check_clock()
     rows = np.flatnonzero(np.isfinite(log.t))
     made = even_grid(log.t[rows]) if len(rows) else None
@@ -160,12 +159,11 @@ def _on_grid(log: Log) -> tuple[Log, list[Fault]]:
 
 
 def _measured(log: Log, name: str, data: DataCheck, rejected: np.ndarray) -> np.ndarray:
-    """A column without the values at fault.
+    """Return a column (n,) with NaN where the check found its value bad.
 
-    rejected (n,)  rows with a bad stamp, or with what is no number that a sensor has: every estimator rejects them by
-    itself, and counts them
-    A held input acts as it stands in every row; a column that is at fault as a whole keeps its values, for what is said
-    of it: no number of the log is believed.
+    rejected (n,) bool: rows with a bad stamp or an absurd value, which stay: every estimator rejects and counts them
+    A beta or beta_cmd that repeats stays too, for a held input acts as it stands; so does a column that is at fault as
+    a whole, of which no number is used.
     """
     x = getattr(log, name)
     if any(fault.kind in COLUMN_FAULTS and fault.channel in (name, None) for fault in data.faults):
@@ -178,8 +176,8 @@ def _measured(log: Log, name: str, data: DataCheck, rejected: np.ndarray) -> np.
 
 
 def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
-    """Faults of a theta_dot that is another motion than the slope of theta, or a multiple of it: for a diagnosis an
-    effect of a sensor, which no estimator asks for."""
+    """Return [Fault] if theta_dot is another motion than the slope of theta, or a multiple of it, else []: for a
+    diagnosis that is an effect of a sensor, for an estimator it is not."""
     t, columns = related(log, data.usable, data.masks)
     period = float(t[1] - t[0]) if columns else 0.0
     if columns and is_other_motion(columns, period):
@@ -197,12 +195,12 @@ def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
 
 
 def foreign(noted: tuple[Fault, ...]) -> str:
-    """Return in words the columns that hold another quantity than their names say; "" if none."""
+    """Return the messages of faults by which a column holds another quantity than its name says; "" if none."""
     return "; ".join(fault.message for fault in noted if fault.kind in COLUMN_FAULTS)
 
 
 def profile_note(nominal: Nominal | None, last: float, what: str) -> tuple[str, ...]:
-    """Return a note if the vehicle's profile ends before `what`, which ends at `last` [s]."""
+    """Return one line if the vehicle's profile ends before `what` (in words), which ends at `last` [s]; else ()."""
     if nominal is None or len(nominal.vehicle.t) == 1 or not nominal.vehicle.t[-1] < last - 1e-9:
         return ()
     return (f"{nominal.vehicle.path or nominal.path}: the profile ends at {nominal.vehicle.t[-1]:g} s, {what} at "
@@ -210,10 +208,10 @@ def profile_note(nominal: Nominal | None, last: float, what: str) -> tuple[str, 
 
 
 def ideal_note(log: Log) -> tuple[str, ...]:
-    """A note where a log is the truth without sensors: theta_dot is the integral of theta_ddot, and theta that of
+    """Return one line if a log has no sensor noise, else (): theta_dot is the integral of theta_ddot, and theta that of
     theta_dot, to far less than any sensor's noise.
 
-    Limitation: at rows as far apart as the controller's period the trapezium is not as exact, and nothing is said.
+    Limitation: with rows as far apart as the controller's period the trapezium is not exact enough, and () is returned.
     """
     known = np.logical_and.reduce([log.in_range(name) for name in ("t", "theta", "theta_dot", "theta_ddot")])
     if np.count_nonzero(known) < FEWEST_IDEAL:

@@ -1,12 +1,11 @@
-"""The data check: is the log what its columns say, before anything is concluded from it.
+"""Find the faults of a log, and mask the values at fault.
 
-Time stamps, infinite values, dropouts, stale runs, end stops, spikes, units, signs, exchanged
-columns, columns of a slower channel.  A physical effect is not bad data: what a vehicle, an actuator or a sensor
-may do passes.  What is wrong is named and masked.
+Time stamps, infinite values, dropouts, stale runs, end stops, spikes, units, signs, exchanged columns and columns of a
+slower channel are checked.  A physical effect passes: what a vehicle, an actuator or a sensor may do is no fault.
 
-Limitations: a sign or a unit shows only against another column (see `relations`);
-stale values of a coarsely quantised channel show only by their length or the jump
-at their end; a fault for a part of the log only is not a sign or unit fault.
+Limitations: a sign or a unit shows only against another column (see `relations`); stale values of a coarsely quantised
+channel show only by their length or the jump at their end; a fault in a part of the log only is not found as one of
+sign or unit.
 """
 
 from collections.abc import Mapping
@@ -33,13 +32,13 @@ FEWEST_RELATED = 60   # usable rows: less do not tell units and signs
 
 @dataclass(frozen=True, eq=False)
 class DataCheck:
-    """The faults of a log of n rows, and what of it can be used.
+    """Faults of a log of n rows, and which of its values can be used.
 
-    faults  in the order stamps, single channels, between channels
+    faults  in the order stamps, single columns, between columns, slower columns
     usable  (n,) bool: the row's stamp is finite and after all usable ones before
-    masks   channel -> (n,) bool: the value may be used (measured, no fault; a channel whose unit, sign or place is
-            wrong has none).  Where the stamp is unusable so is the value
-    rates   of the measured channels;  sound  as masks, with the values that a logger repeated or interpolated
+    masks   column -> (n,) bool: the value may be used, for it is measured, its stamp usable and no fault found; all
+            False if the column's unit, sign or name is wrong
+    rates   of theta, theta_dot, beta;  sound  masks that are True too for values that a logger repeated or interpolated
     """
 
     faults: tuple[Fault, ...]
@@ -55,11 +54,11 @@ class DataCheck:
 
 
 def check(log: Log, nominal: Nominal | None, ends: Mapping[str, Ends] = MappingProxyType({})) -> DataCheck:
-    """Judge a log of any content; never raises for what a readable log may hold.
+    """Find the faults of a log with any readable content; raise nothing.
 
-    nominal  for the sample period (unit of time), the actuator's and the controller's equations; None: every channel
-             by itself alone
-    ends     of all rows so far (`stops.ends_of`), where the log is their last ones
+    nominal  gives the sample period (for the unit of t) and the equations of actuator and controller; None: each column
+             is judged by itself alone
+    ends     column -> `stops.ends_of` of all rows so far, where the log is their last part
     """
     usable = stamps.usable_rows(log.t)
     faults = stamps.stamp_faults(log.t, usable)
@@ -78,7 +77,7 @@ def check(log: Log, nominal: Nominal | None, ends: Mapping[str, Ends] = MappingP
 
 
 def _between(log: Log, nominal: Nominal, usable: np.ndarray, masks: dict[str, np.ndarray]) -> list[Fault]:
-    """Faults of t and between the channels; the channels they concern lose their masks."""
+    """Return the faults of t and between columns; set the masks of columns at fault False, in place."""
     times, columns = related(log, usable, masks)
     by_slope = unit_of_time(columns, float(times[1] - times[0])) if columns else None
     faults, factor = stamps.unit_fault(log.t[usable], nominal, by_slope)
@@ -95,8 +94,8 @@ def _between(log: Log, nominal: Nominal, usable: np.ndarray, masks: dict[str, np
 
 
 def related(log: Log, usable: np.ndarray, masks: dict[str, np.ndarray]) -> tuple[np.ndarray, Columns]:
-    """(uniform times (n,) in the log's own unit, the columns there that are measured in most rows); none of a log too
-    short to tell units and signs."""
+    """Return (uniform times (m,) in the log's unit of t, column -> (m,) interpolated on them, of columns measured in
+    most rows); no columns if the log is too short to tell units and signs."""
     t = log.t[usable]
     grid = stamps.uniform_times(t) if len(t) >= FEWEST_RELATED else np.zeros(0)
     columns: Columns = {}

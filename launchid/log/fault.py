@@ -1,14 +1,14 @@
-"""One thing that is wrong with a log, in words."""
+"""`Fault`: what is wrong with a log, as a type and in words."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One sort of bad data in one place.
+    """One sort of bad data in one column or between columns.
 
-    kind     of rows: stamps, wrapped, range, stale, dropout, spike; of the whole log: order and origin (of t), unit,
-             sign, swapped, motion (theta_dot is not the slope of theta), scale (it is a multiple of it)
+    kind     of rows: stamps, wrapped, turned, range, stale, dropout, spike; of the whole log: order and origin (of t),
+             unit, sign, swapped, motion (theta_dot is not the slope of theta), scale (it is a multiple of it)
     channel  the column at fault; None: several, or the rows themselves
     t_start, t_end  [s] first and last place, as stamped; NaN if the stamp itself is no number
     rows     how many rows it spoils; 0: none, it was mended

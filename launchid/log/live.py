@@ -1,10 +1,8 @@
-"""The data check of a log that goes on, by the code that checks a whole one: what can be known of a row from the rows
-before it and the few behind it.
+"""Check a log while it is recorded: each row by the rows before it and a few behind it, with the code of `detect`.
 
-Only afterwards can be known: what a column is of (unit, sign, another device), whose stamps lie on a coarse grid, that
-theta was logged within a turn (the estimator undoes that by itself), that a channel has had a slower rate from its
-first rows on, that a value comes again and again (an end stop) while it has not yet (the ends of all rows so far are
-kept), and that a sensor is still frozen after CONTEXT rows.
+Not found, since only a whole log shows it: what a column holds (unit, sign, another device); stamps on a coarse grid; a
+theta logged within one turn (the estimator undoes that by itself); a slower channel in its first rows; an end stop in
+its first rows (the ends of all rows so far are kept); a sensor that is still frozen after CONTEXT rows.
 """
 
 import dataclasses
@@ -25,9 +23,9 @@ SAME_MOMENT = 0.5  # s of rows that are judged at once: a page is late by as muc
 
 
 class LiveCheck:
-    """Rows in by `add`, out a little later with nothing measured where the check finds a fault.
+    """Takes new rows by `add` and gives them back a little later, NaN where the data check finds a bad value.
 
-    What comes out depends on the rows alone, not on the pieces they come in, as long as `rest` waits for their end.
+    What comes out depends on the rows alone, not on the pieces they come in, if `rest` is called at their end only.
 
     period  [s] of the rows
     """
@@ -39,7 +37,7 @@ class LiveCheck:
         self._ends: dict[str, Ends] = {}   # of the rows so far
 
     def add(self, log: Log) -> Iterator[Log]:
-        """Return the rows that can be judged now that these have come."""
+        """Yield checked rows that can be judged now that those of `log` came; other columns begin a new log."""
         if self._kept is not None and self._kept.columns != log.columns:   # another header: another log
             yield from self.rest()
             self._kept, self._judged, self._ends = None, 0, {}
@@ -48,12 +46,12 @@ class LiveCheck:
             yield self._out(self._judged + self._block, BEHIND)
 
     def rest(self) -> Iterator[Log]:
-        """Return the rows that are left, where none come for a while or no more."""
+        """Yield the checked rows not given back yet; to be called when no rows come any more, or none for a while."""
         if self._kept is not None and len(self._kept.t) > self._judged:
             yield self._out(len(self._kept.t), 0)
 
     def _out(self, end: int, behind: int) -> Log:
-        """Return the rows up to `end`, judged with so many behind them."""
+        """Return the kept rows from the first one not judged to `end`, checked with `behind` rows behind them."""
         assert self._kept is not None
         seen = part(self._kept, 0, end + behind)
         new = part(seen, self._judged, end)
@@ -67,13 +65,13 @@ class LiveCheck:
 
 
 def part(log: Log, begin: int, end: int) -> Log:
-    """Return the rows begin .. end - 1 of a log."""
+    """Return a log of the rows begin .. end - 1."""
     arrays: dict[str, Any] = {name: x[begin:end] for name, x in vars(log).items() if isinstance(x, np.ndarray)}
     return dataclasses.replace(log, **arrays)
 
 
 def rows_of(*logs: Log) -> Log:
-    """Return the rows of logs with the same columns, one after the other."""
+    """Return one log of the rows of several with the same columns, one after the other."""
     arrays: dict[str, Any] = {name: np.concatenate([getattr(log, name) for log in logs])
                               for name, x in vars(logs[0]).items() if isinstance(x, np.ndarray)}
     return dataclasses.replace(logs[0], **arrays)

@@ -44,7 +44,7 @@ MOVING_COLUMNS = ("theta", "theta_dot", "beta")  # where anything moves
 
 @dataclass(frozen=True, eq=False)
 class Log(Result):
-    """A log as arrays of equal length; NaN where not measured, whole columns of NaN where the file has none."""
+    """Flight log as columns (n,) [s, rad, rad/s, rad/s^2], NaN where not measured or where the file lacks a column."""
 
     path: str
     columns: tuple[str, ...]   # the known ones that the file has
@@ -66,21 +66,21 @@ class Log(Result):
                 object.__setattr__(self, name, np.full(len(self.t), math.nan))
 
     def measured(self) -> dict[str, np.ndarray]:
-        """The known columns that there are."""
+        """Return name -> column (n,) of the known columns that the log has."""
         return {name: getattr(self, name) for name in self.columns}
 
     def in_range(self, name: str) -> np.ndarray:
-        """(rows,) bool: where this column is a number that the estimator does not reject as out of range."""
+        """Return (n,) bool: where this column is a number that the estimator does not reject as out of range."""
         from launchid_core import Config
         return np.abs(getattr(self, name)) <= getattr(Config, f"{name}_limit")
 
     def is_same(self, other: "Log") -> bool:
-        """Whether the other has the same columns, to the bit."""
+        """Whether the other log has the same columns with equal values (NaN equals NaN)."""
         return self.columns == other.columns and all(
             np.array_equal(x, getattr(other, name), equal_nan=True) for name, x in self.measured().items())
 
     def too_short(self, window: float) -> str:
-        """Why no window [s] of the log is complete, in words."""
+        """Return a sentence that says why no window of `window` [s] in the log is complete."""
         t = self.t[np.isfinite(self.t)]
         if reason := self.unusable():
             return f"no window of {window:g} s is complete: {reason}"
@@ -88,8 +88,8 @@ class Log(Result):
                 "expected a longer log, or a smaller window")
 
     def unusable(self) -> str:
-        """The columns of no use to an estimator: those for which it rejects rows, in how many, and those that never
-        change; in words, "" if there are none."""
+        """Return in words which columns an estimator cannot use, and why (beyond its limit, in how many rows, or never
+        changing); "" if none."""
         from launchid_core import Config
         units = {"t": "s", "theta_dot": "rad/s", "theta_ddot": "rad/s^2"}
         beyond, still = [], []
@@ -108,7 +108,7 @@ class Log(Result):
         return {name: x.tolist() for name, x in self.measured().items()}
 
     def summary(self, of: str | None = None) -> str:
-        """The log in words: rows, time, and the share of rows in which each column is measured."""
+        """Return one line: path (or `of`), rows, duration, period, and the share of rows each column is measured in."""
         shares = ", ".join(f"{name} {100.0 * np.isfinite(x).mean():.4g} %"
                            for name, x in self.measured().items() if name != "t")
         t = self.t[np.isfinite(self.t)]
@@ -124,12 +124,12 @@ class Log(Result):
 
     @property
     def flight_path(self) -> np.ndarray:
-        """gamma [rad] as the log has it, or theta - alpha; NaN where neither is measured."""
+        """Flight-path angle gamma (n,) [rad] as logged, or theta - alpha; NaN where neither is measured."""
         return self.theta - self.alpha if "alpha" in self.columns else self.gamma
 
     @property
     def period(self) -> float:
-        """Median step between finite stamps that go forward [s]; InputError if there is none, or it is no time."""
+        """Median of the positive steps between finite stamps [s]; InputError if there is none or it is below 1 us."""
         period = self.check_clock()
         if period is None:
             steps = np.diff(self.t[np.isfinite(self.t)])
@@ -140,7 +140,7 @@ class Log(Result):
 
     @np.errstate(over="ignore")
     def check_clock(self) -> float | None:
-        """Median step between finite stamps that go forward [s], None if none does; InputError if it is no time."""
+        """Return the median of the positive steps between finite stamps [s], None if none; InputError if below 1 us."""
         steps = np.diff(self.t[np.isfinite(self.t)])
         steps = steps[steps > 0]
         period = float(np.median(steps)) if len(steps) > 0 else None
@@ -150,7 +150,7 @@ class Log(Result):
         return period
 
     def samples(self) -> Iterator[Sample]:
-        """The rows as the estimator's samples."""
+        """Yield the rows as samples for the estimator."""
         columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd,
                    self.flight_path)
         for first in range(0, len(self.t), FED):  # as Python's floats a log takes four times its arrays
@@ -158,26 +158,26 @@ class Log(Result):
             yield from starmap(Sample, zip(*part, strict=True))
 
     def rows(self) -> np.ndarray:
-        """The same as an array (n, 7), for `Estimator.replay`."""
+        """Return an array (n, 7) for `Estimator.replay`: t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma."""
         return np.column_stack([self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd,
                                 self.flight_path])
 
 
 def measured_logs() -> tuple[str, ...]:
-    """Names of the logs that come with the package."""
+    """Return the names of the measured logs that come with the package."""
     return tuple(sorted(path.stem for path in MEASURED_LOGS.glob("*.csv")))
 
 
 def locate_log(text: str) -> Path:
-    """A log by path, or by the name of one that comes with the package when no such file exists."""
+    """Return the path `text`, or if it is no file, that of the log of this name that comes with the package."""
     path = Path(text)
     return MEASURED_LOGS / f"{text}.csv" if text in measured_logs() and not path.is_file() else path
 
 
 @contextlib.contextmanager
 def _opened(path: str) -> Iterator[TextIO]:
-    """A log's text: of standard input for `-`, of a regular file, of the package's, of a FIFO (which can be read
-    once)."""
+    """Open as text standard input for `-`, a file, a FIFO (which can be read once) or a log of the package; InputError
+    if there is none, or if it is a nominal."""
     located = locate_log(path)
     if path == STANDARD_INPUT:
         if sys.stdin is None:
@@ -204,10 +204,10 @@ def _opened(path: str) -> Iterator[TextIO]:
 
 
 def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
-    """Read a log; InputError in one line if it cannot be used.
+    """Read a CSV log; InputError in one line if it cannot be read or no row has all required columns finite.
 
     path      of a file, `-`: standard input, or the name of a log that comes with the package
-    required  columns without which it cannot be; a row is usable where all of them are finite
+    required  columns that must be there
     """
     path = str(path)
     try:
@@ -224,23 +224,23 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
 
 
 def _made(path: str, values: dict[str, np.ndarray], required: tuple[str, ...], ignored: tuple[str, ...]) -> Log:
-    """A log of these columns; InputError if no row can be used."""
+    """Return the log of these columns; InputError if no row has all required ones finite."""
     if not np.logical_and.reduce([np.isfinite(values[name]) for name in required]).any():
         raise InputError(f"{path}: no usable row; expected rows with finite {', '.join(required)}")
     return log_of_values(path, values, ignored)
 
 
 def log_of_values(path: str, values: dict[str, np.ndarray], ignored: tuple[str, ...] = ()) -> Log:
-    """A log of these columns, even if no row of it can be used; those that it lacks are one array of NaN."""
+    """Return a log of columns name -> (n,), even if no row of it can be used; absent ones are NaN."""
     nothing = np.full(len(values["t"]), math.nan)
     missing = {name: nothing for name in REQUIRED + OPTIONAL if name not in values}
     return Log(path=path, columns=tuple(values), ignored=ignored, **values, **missing)
 
 
 def log_of(columns: Any, path: str = "log", required: tuple[str, ...] = REQUIRED) -> Log:
-    """A log of columns in memory: a mapping, or a data frame of any library (names in `columns`, taken by them).
+    """Return the log of a mapping or data frame, name -> column of numbers; None, NA and masked values become NaN.
 
-    path  what messages call it;  None, NA and what is masked are not measured
+    path  what messages call it;  InputError for a missing column, unequal lengths, no numbers, or no usable row
     """
     given = _names(path, columns)
     names = places(path, [str(name) for name in given], required, "")
@@ -253,7 +253,7 @@ def log_of(columns: Any, path: str = "log", required: tuple[str, ...] = REQUIRED
 
 
 def _names(path: str, columns: Any) -> list[Any]:
-    """The names of a frame, a mapping or a structured array; InputError for what has none."""
+    """Return the column names of a frame, mapping or structured array; InputError for anything else."""
     if hasattr(columns, "collect"):
         raise InputError(f"{path}: expected a frame that holds its data, .collect(); found {type(columns).__name__}")
     named = columns.columns if hasattr(columns, "columns") else getattr(getattr(columns, "dtype", None), "names", None)
@@ -283,7 +283,7 @@ def _column(path: str, name: str, column: Any) -> np.ndarray:
 
 
 def _in_memory(path: str, name: str, row: int, x: Any) -> float:
-    """A cell of what is no plain array: None and a frame's NA are not measured."""
+    """Return one cell as a float, None and a frame's NA as NaN; InputError if it is no number."""
     if x is None or repr(x) == "<NA>":
         return math.nan
     try:
@@ -293,25 +293,25 @@ def _in_memory(path: str, name: str, row: int, x: Any) -> float:
 
 
 def flown_columns(flight: "Flight") -> dict[str, np.ndarray]:
-    """The columns of a flown log: t, theta_ref, beta_cmd, beta, theta, theta_dot (theta_ddot, gamma, rate_ref if it has
-    them)."""
+    """Return name -> column (n,) that a simulated flight logs: t, theta_ref, beta_cmd, beta, theta, theta_dot, and
+    theta_ddot, gamma, rate_ref where it has them."""
     names = ["t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot"]
     names += [name for name in ("theta_ddot", "gamma", "rate_ref") if not np.isnan(getattr(flight, name)).all()]
     return {name: getattr(flight, name) for name in names}
 
 
 def flown_log(flight: "Flight", path: str = "flight") -> Log:
-    """The log of a flight, as it would be read."""
+    """Return the log of a simulated flight, as if it were written and read; messages call it `path`."""
     return _made(path, flown_columns(flight), REQUIRED, ())
 
 
 def write_flight(path: str | Path, flight: "Flight") -> None:
-    """Write a flown log, in the shortest numbers that read back to the same bits."""
+    """Write the log of a simulated flight as CSV, numbers as the shortest text that reads back to the same bits."""
     write_columns(path, flown_columns(flight))
 
 
 def write_columns(path: str | Path, columns: dict[str, np.ndarray]) -> None:
-    """Write columns of equal length as CSV."""
+    """Write columns (n,) of equal length as CSV under their names, whole or not at all."""
     def lines() -> Iterator[str]:
         yield ",".join(columns) + "\n"
         for row in zip(*(x.tolist() for x in columns.values()), strict=True):

@@ -1,9 +1,9 @@
-"""Channels of another rate than the log's, between whose values a logger wrote others, which nobody measured.
+"""Find columns sampled more slowly than the log, between whose values the logger wrote others that nobody measured.
 
-A logger repeats the last value of a slower channel, to the bit, for a regular number of rows, in steps larger than a
-quantum: a quantised channel repeats where it moves slowly.  A resampling draws straight lines between the values, with
-corners a regular number of rows apart: a motion of a few constant rates has lines of few slopes.  Taken for
-measurements the rows between are a late sensor, or a slow servo.
+A logger repeats the last value of a slower channel, to the bit, for a regular number of rows, and its steps are larger
+than a quantum (a quantised channel repeats where it moves slowly).  A resampling draws straight lines between the
+values, with corners a regular number of rows apart and many slopes (a motion of a few constant rates has few slopes).
+Taken for measurements, the rows between look like a late sensor or a slow servo.
 """
 
 import math
@@ -32,10 +32,10 @@ SAME_SLOPE = 1.0e-3    # of their root mean square
 
 @dataclass(frozen=True, eq=False)
 class Rate:
-    """The rate at which a column of n rows was sampled.
+    """The rate at which a column (n,) of a log was sampled.
 
-    kind    `own`: the log's, or too little to tell; `held`, `interpolated` between its own values
-    period  [s] between these;  own  (n,) bool: the rows of them, at the log's own rate all
+    kind    `own`: the log's, or too little to tell; `held`, `interpolated`: what the logger wrote between own values
+    period  [s] between own values, NaN of kind `own`;  own  (n,) bool: rows with an own value, of kind `own` all
     """
 
     kind: str
@@ -44,7 +44,7 @@ class Rate:
 
     @property
     def words(self) -> str:
-        """The words for a column of this rate."""
+        """Words for a slower column: its rate in Hz, and what stands between its own values."""
         between = "each value repeated in the rows up to the next" if self.kind == HELD_WORD else \
             "interpolated: what it did between is not in the log"
         return f"of {1.0 / self.period:.3g} Hz, {between}"
@@ -52,7 +52,7 @@ class Rate:
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers that no log holds
 def rate_of(t: np.ndarray, x: np.ndarray) -> Rate:
-    """The rate of a column x (n,) with stamps t (n,) [s]; what is no number, or has no usable stamp, is left out."""
+    """Return the rate of a column x (n,) with stamps t (n,) [s], by its finite values with usable stamps."""
     rows = np.flatnonzero(usable_rows(t) & np.isfinite(x))
     for kind, find in ((HELD_WORD, _values), (INTERPOLATED, _corners)):
         begins = find(t[rows], x[rows])
@@ -64,7 +64,7 @@ def rate_of(t: np.ndarray, x: np.ndarray) -> Rate:
 
 
 def _values(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """The rows at which the values of a held column begin; none if it is not held."""
+    """Return the rows (k,) in which the values of a held column x (n,) begin; none if it is not held."""
     begins = np.flatnonzero(np.diff(x, prepend=math.nan) != 0.0)
     if len(begins) < FEWEST_VALUES:
         return begins[:0]
@@ -77,7 +77,7 @@ def _values(t: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _corners(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """The rows at which the lines of an interpolated column begin; none if it has no lines.
+    """Return the rows (k,) in which the lines of an interpolated column x (n,) begin; none if it has no lines.
 
     A corner between two rows bends both: the first of them counts.
     """
@@ -106,8 +106,8 @@ def _corners(t: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _are_lines(t: np.ndarray, x: np.ndarray, corners: np.ndarray) -> bool:
-    """Whether these corners are a regular number of rows apart and their lines of many slopes, not to and fro alone: so
-    is an oscillation of four rows."""
+    """Whether corners (k,) are a regular number of rows apart, with many slopes between them that do not just alternate
+    in sign, as those of an oscillation of four rows do."""
     slopes = np.diff(x[corners]) / np.diff(t[corners])
     size = math.sqrt(float(np.mean(slopes**2)))
     if _usual(np.diff(corners)[slopes != 0.0]) < 2 or np.mean(slopes[1:] * slopes[:-1] < 0.0) > REGULAR:
@@ -116,14 +116,14 @@ def _are_lines(t: np.ndarray, x: np.ndarray, corners: np.ndarray) -> bool:
 
 
 def _usual(lengths: np.ndarray) -> int:
-    """The number of rows that most values stay for; 0 if there is none."""
+    """Return the number of rows that nearly all values stay for, of each value's (k,); 0 if there is none."""
     usual = int(np.median(lengths)) if len(lengths) else 0
     return usual if usual and np.mean(np.abs(lengths - usual) <= (1 if usual > 2 else 0)) >= REGULAR else 0
 
 
 def slower(name: str, t: np.ndarray, rate: Rate, mask: np.ndarray) -> Iterator[Fault]:
-    """The fault of a channel of a lower rate than the log; clears what stands between its own values in mask (n,)
-    inout."""
+    """Yield the Fault of a column whose rate is lower than the log's; set mask (n,) False between its own values, in
+    place."""
     between = np.flatnonzero(mask & ~rate.own)
     if len(between):
         mask[between] = False

@@ -1,15 +1,14 @@
-"""The faults between channels: units, signs, exchanged columns.
+"""Find faults between columns: units, signs, exchanged columns.
 
 Three relations hold whatever the vehicle does:
 
     rate        theta = integral of theta_dot (+ bias): see `slope`
-    nozzle      beta = the actuator's answer to beta_cmd (+ bias), never before it
+    nozzle      beta = the actuator's response to beta_cmd (+ bias), never before it
     controller  beta_cmd = C(theta) - C(theta_ref) (+ bias, + test input), C the nominal's
 
-Each is a regression with free gains over means of short blocks.  Physical effects
-leave the gains within a factor 2.5 of 1; degrees, signs and exchanged columns do
-not.  A fault is named only where the data speak clearly; it is then repaired on a
-copy and the next is looked for.
+Each is a regression with free gains over means of short blocks.  Physical effects leave the gains within a factor 2.5
+of 1; degrees, signs and exchanged columns do not.  A fault is reported only where the data show it clearly; it is then
+repaired on a copy and the next is sought.
 """
 
 import math
@@ -65,7 +64,7 @@ RELATION_WORDS = {"swapped": "{} look exchanged over the whole log: {}; exchange
 
 @dataclass(frozen=True)
 class Change:
-    """One repair: `channels` times `factor`, or exchanged."""
+    """One repair: multiply `channels` by `factor`, or, of kind `swapped`, exchange the two; `reason` in words."""
 
     kind: str
     channels: tuple[str, ...]
@@ -81,9 +80,9 @@ class Change:
 
 def relation_faults(columns: Columns, period: float, nominal: Nominal,
                     times: np.ndarray) -> Iterator[tuple[Change, Fault]]:
-    """Faults between the channels, one after the other, each found with those before repaired.
+    """Yield (its repair, the Fault) for each fault between columns, sought after those before are repaired on a copy.
 
-    columns  measured channels on uniform `times` (n,) [s], `period` [s] apart
+    columns  name -> (n,), measured, on uniform `times` (n,) [s], which are `period` [s] apart
     """
     for _ in range(FAULTS_AT_MOST):
         change = _first(columns, period, nominal, times)
@@ -100,7 +99,7 @@ def _fault(change: Change, times: np.ndarray) -> Fault:
 
 
 def _first(columns: Columns, period: float, nominal: Nominal, times: np.ndarray) -> Change | None:
-    """The clearest fault between these columns."""
+    """Return the repair of the clearest fault between these columns; None if there is none."""
     rate = rate_fit(columns, "theta", "theta_dot", period)
     nozzle = nozzle_fit(columns, "beta_cmd", "beta", period, nominal)
     control = control_fit(columns, "theta", "theta_ref", period, nominal, times)
@@ -112,7 +111,7 @@ def _first(columns: Columns, period: float, nominal: Nominal, times: np.ndarray)
 
 
 def nozzle_fit(columns: Columns, command: str, nozzle: str, period: float, nominal: Nominal) -> Fit:
-    """`nozzle` = gain * (nominal actuator's answer to `command`) + bias."""
+    """Fit `nozzle` = gain * (nominal actuator's response to `command`) + bias; NO_FIT if a column is missing."""
     if command not in columns or nozzle not in columns:
         return NO_FIT
     answer = _actuated(columns[command], period, nominal)
@@ -122,7 +121,7 @@ def nozzle_fit(columns: Columns, command: str, nozzle: str, period: float, nomin
 
 def control_fit(columns: Columns, angle: str, reference: str, period: float, nominal: Nominal,
                 times: np.ndarray) -> Fit:
-    """beta_cmd = gain * C(angle) + gain * C(-reference) + bias, where it is not at its limit; the best delay's."""
+    """Fit beta_cmd = g1 C(angle) - g2 C(reference) + bias off its limit, at the best delay; C: nominal controller."""
     controller = nominal.controller
     if controller is None or not {"beta_cmd", angle, reference} <= set(columns):
         return NO_FIT
@@ -146,7 +145,7 @@ def control_fit(columns: Columns, angle: str, reference: str, period: float, nom
 
 
 def _filtered(x: np.ndarray, response: np.ndarray) -> np.ndarray:
-    """x (n,) through an impulse response (m,), x held at its first value before."""
+    """Return x (n,) through an impulse response (m,), as if x had its first value ever before."""
     m = len(response)
     padded = np.concatenate((np.full(m - 1, x[0]), x))
     size = quick_size(2 * len(padded))
@@ -155,12 +154,12 @@ def _filtered(x: np.ndarray, response: np.ndarray) -> np.ndarray:
 
 
 def quick_size(rows: int) -> int:
-    """Return a length of at least so many rows that a Fourier transform is quick at: a power of two."""
+    """Return a length of at least `rows` at which a Fourier transform is quick: the next power of two."""
     return int(1 << (rows - 1).bit_length())
 
 
 def _actuated(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
-    """The nominal actuator's answer; the command itself if it has none."""
+    """Return the nominal actuator's response (n,) to a command (n,); the command if it has none, or no damping."""
     actuator = nominal.actuator
     if actuator is None or not (actuator.is_first_order or actuator.damping_ratio > 0.0):
         return command
@@ -180,7 +179,7 @@ def _actuated(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarra
 
 
 def _controlled(angle: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
-    """C(angle) = kp angle + kd (its pseudo-derivative) at the log's rate."""
+    """Return the nominal controller's kp angle + kd (filtered derivative of angle), (n,)."""
     controller = nominal.controller
     assert controller is not None
     tau = controller.derivative_time_constant
@@ -197,14 +196,14 @@ def _controlled(angle: np.ndarray, period: float, nominal: Nominal) -> np.ndarra
 
 
 def _better(found: Fit, now: Fit) -> bool:
-    """The exchanged columns fulfil a relation that they did not."""
+    """Whether `found`, with columns exchanged, holds clearly and leaves far less than `now`, as they are."""
     return (near(found.gain[0], 1.0, GAIN_SLACK) and found.explained > VERY_CLEAR
             and 1.0 - found.explained < MUCH_BETTER * (1.0 - now.explained))
 
 
 def _exchanged(columns: Columns, period: float, nominal: Nominal, rate: Fit, nozzle: Fit,
                control: Fit) -> Change | None:
-    """Two columns under each other's names."""
+    """Return the repair of two columns that stand under each other's names; None if there are none."""
     known = "theta_dot" in columns
     if known and _better(rate_fit(columns, "theta_dot", "theta", period), rate):
         return Change("swapped", ("theta", "theta_dot"), 1.0, "theta is the slope of theta_dot")
@@ -224,7 +223,7 @@ def _exchanged(columns: Columns, period: float, nominal: Nominal, rate: Fit, noz
 
 
 def _reference_is_attitude(columns: Columns, period: float, rate: Fit, nozzle: Fit, control: Fit) -> bool:
-    """theta_ref is the slope's integral or as rough as a measurement, and the controller sees both reversed."""
+    """Whether theta_ref is the measured attitude: theta_dot is its slope or it is rougher, and control gains are -1."""
     if "theta_ref" not in columns or "theta" not in columns:
         return False
     reversed_ = control.explained > VERY_CLEAR and all(near(gain, -1.0, GAIN_SLACK) for gain in control.gain[:2])
@@ -238,7 +237,7 @@ def _reference_is_attitude(columns: Columns, period: float, rate: Fit, nozzle: F
 
 
 def _command_follows(columns: Columns, period: float, nozzle: Fit) -> bool:
-    """Changes of beta_cmd come after those of beta."""
+    """Whether changes of beta_cmd come after those of beta, which no actuator does."""
     if "beta_cmd" not in columns or not near(nozzle.gain[0], 1.0, UNIT_SLACK * DEGREES):
         return False
     early, late = _unexplained(columns["beta_cmd"], columns["beta"], period)
@@ -246,14 +245,14 @@ def _command_follows(columns: Columns, period: float, nozzle: Fit) -> bool:
 
 
 def _changes(x: np.ndarray, rows: int) -> np.ndarray:
-    """Mean of the next rows less mean of the last, at every row."""
+    """Return mean of the next `rows` rows of x (n,) less mean of the last ones, (n + 1 - 2 rows,), at each row."""
     total = np.concatenate(([0.0], np.cumsum(x - x.mean())))
     means = (total[rows:] - total[:-rows]) / rows
     return np.asarray(means[rows:] - means[:-rows])
 
 
 def _unexplained(command: np.ndarray, nozzle: np.ndarray, period: float) -> tuple[float, float]:
-    """Shares of the nozzle's changes that the command's do not explain, shifted to later and to earlier or equal."""
+    """Return the least unexplained shares of the nozzle's changes (if it leads the command, if it follows it)."""
     lags = max(2, round(NOZZLE_LAG / period))
     u, b = (_changes(x, max(1, round(LAG_SMOOTH / period))) for x in (command, nozzle))
     n = len(u)
@@ -273,7 +272,7 @@ def _unexplained(command: np.ndarray, nozzle: np.ndarray, period: float) -> tupl
 
 
 def _in_degrees(rate: Fit, nozzle: Fit, control: Fit) -> Change | None:
-    """One angle in degrees among radians."""
+    """Return the repair of one angle in degrees among radians; None if there is none."""
     back = 1.0 / DEGREES
 
     def seen(gain: float) -> str:
@@ -295,7 +294,7 @@ def _in_degrees(rate: Fit, nozzle: Fit, control: Fit) -> Change | None:
 
 
 def _other_alpha(columns: Columns, period: float) -> Change | None:
-    """An alpha in degrees or of the other sign: it moves with theta where the motion is fast, for gamma is slow."""
+    """Return the repair of an alpha in degrees or of wrong sign, or None: gamma is slow, fast alpha is like theta."""
     if not {"theta", "alpha"} <= set(columns):
         return None
     rows = max(2, round(RATE_BLOCK / period))
@@ -311,8 +310,8 @@ def _other_alpha(columns: Columns, period: float) -> Change | None:
 
 
 def _far_out(columns: Columns, nominal: Nominal) -> Change | None:
-    """The change of a reference that is far from the guidance's, where theta does not follow it as it is and no
-    relation decides."""
+    """Return the repair of a theta_ref in degrees, or None: it is far beyond the nominal's guidance, and theta does not
+    follow it as it is."""
     reference = columns.get("theta_ref")
     if reference is None or nominal.guidance is None:
         return None
@@ -326,7 +325,7 @@ def _far_out(columns: Columns, nominal: Nominal) -> Change | None:
 
 
 def _reversed(rate: Fit, nozzle: Fit, control: Fit) -> Change | None:
-    """One channel with the opposite sign."""
+    """Return the repair of one column with the opposite sign; None if there is none."""
     clear = control.explained > VERY_CLEAR
     attitude, reference = (
         (1 if near(control.gain[k], 1.0, GAIN_SLACK) else -1 if near(control.gain[k], -1.0, GAIN_SLACK) else 0)

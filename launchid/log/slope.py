@@ -1,11 +1,11 @@
-"""theta_dot against the slope of theta: one regression that tells the unit of t, the unit of either, a sign, a scale,
-and a body that turns about other axes than the one of theta.
+"""Compare theta_dot with the slope of theta: one regression shows the unit of t, of theta and of theta_dot, a sign, a
+scale, and a body that turns about other axes than theta's.
 
     change of theta between blocks = gain * integral of theta_dot + bias
 
 The gain is 1 where all is well, whatever the vehicle does.  Degrees make it 57.3 or its inverse, a t in another unit
-that unit in seconds.  As long as the unit of t is not known nor is the length of a block: the one is taken, of lengths
-that double, at which theta_dot explains most.
+that unit in seconds.  As long as the unit of t is unknown, so is the length of a block: of lengths that double, that
+one is taken at which theta_dot explains most.
 """
 
 import math
@@ -36,7 +36,7 @@ Columns = dict[str, np.ndarray]  # channel -> (n,) on a uniform grid; absent: no
 
 
 class Fit(NamedTuple):
-    """One regression: gains of its parts, share of variance explained, share of the rest each part explains."""
+    """Regression: gain of each part, share of variance explained, and the share of the others' rest each explains."""
 
     gain: tuple[float, ...]
     explained: float
@@ -52,7 +52,7 @@ def near(gain: float, target: float, slack: float) -> bool:
 
 
 def regress(y: np.ndarray, parts: list[np.ndarray]) -> Fit:
-    """y (n,) = sum of gain*part + constant, least squares."""
+    """Fit y (n,) = sum of gain * part (n,) + constant by least squares; NO_FIT of few rows or no variance."""
     if len(y) < FEWEST_BLOCKS:
         return NO_FIT
     y = y - y.mean()
@@ -77,18 +77,18 @@ def regress(y: np.ndarray, parts: list[np.ndarray]) -> Fit:
 
 
 def block_means(x: np.ndarray, rows: int) -> np.ndarray:
-    """Means of x (n,) over whole blocks of so many rows."""
+    """Return the means (n // rows,) of x (n,) over whole blocks of `rows` rows."""
     return np.asarray(x[:len(x) // rows * rows].reshape(-1, rows).mean(axis=1))
 
 
 def integral(x: np.ndarray, period: float) -> np.ndarray:
-    """The integral (n,) from 0 at the first row, by the trapezium."""
+    """Return the integral (n,) of x (n,) with rows `period` apart, 0 at the first row, by the trapezium rule."""
     return np.concatenate(([0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * period)))
 
 
 def rate_fit(columns: Columns, angle: str, rate: str, period: float, known: np.ndarray | None = None) -> Fit:
-    """Change of `angle` between blocks of RATE_BLOCK = gain * integral of `rate` + bias; of blocks of which all rows
-    are `known` (n,)."""
+    """Fit change of column `angle` between blocks of RATE_BLOCK = gain * integral of column `rate` + bias, in blocks
+    whose rows are all `known` (n,) bool; NO_FIT if a column is missing."""
     if angle not in columns or rate not in columns:
         return NO_FIT
     rows = max(2, round(RATE_BLOCK / period))
@@ -100,7 +100,7 @@ def rate_fit(columns: Columns, angle: str, rate: str, period: float, known: np.n
 
 
 def lengths(rows: int) -> Iterator[int]:
-    """The lengths [rows] of blocks of which a log of so many rows has enough."""
+    """Yield block lengths 2, 4, 8, ... [rows] of which `rows` rows hold at least ENOUGH_BLOCKS."""
     length = 2
     while rows >= ENOUGH_BLOCKS * length:
         yield length
@@ -108,8 +108,8 @@ def lengths(rows: int) -> Iterator[int]:
 
 
 def slope_fit(columns: Columns, period: float) -> tuple[Fit, bool]:
-    """(theta = gain * integral of theta_dot at the length of blocks at which it explains most; whether what it leaves
-    of theta's changes is motion, at any length more than the noise of both).
+    """Return (fit of theta = gain * integral of theta_dot + bias at the block length at which it explains most; whether
+    theta changes by more than the noise of both columns at any length).
 
     period  between rows, in any unit of time
     """
@@ -126,7 +126,7 @@ def slope_fit(columns: Columns, period: float) -> tuple[Fit, bool]:
 
 
 def is_other_motion(columns: Columns, period: float) -> bool:
-    """Whether theta moves, and theta_dot is not its slope over any time: a body that turns about other axes too."""
+    """Whether theta moves and theta_dot is not its slope at any block length: the body turns about other axes too."""
     if not {"theta", "theta_dot"} <= set(columns):
         return False
     fit, moves = slope_fit(columns, period)
@@ -134,8 +134,8 @@ def is_other_motion(columns: Columns, period: float) -> bool:
 
 
 def foreign_scale(columns: Columns, period: float, known: np.ndarray) -> tuple[float, float] | None:
-    """(How many times the slope of theta theta_dot is, its standard deviation) where that is not 1, by the rows where
-    both are known (n,)."""
+    """Return (theta_dot over the slope of theta, its standard deviation) if that is not 1, else None; from rows where
+    both are measured, known (n,) bool."""
     fit = rate_fit(columns, "theta", "theta_dot", period, known)
     gain, blocks = fit.gain[0], np.count_nonzero(known) * period / RATE_BLOCK
     if blocks < ENOUGH_BLOCKS or fit.explained < ONE_MOTION:
@@ -145,11 +145,11 @@ def foreign_scale(columns: Columns, period: float, known: np.ndarray) -> tuple[f
 
 
 def unit_of_time(columns: Columns, period: float) -> tuple[str, float, str] | None:
-    """(unit, how many are a second, why) of stamps `period` apart, by the slope; ("", 1, ""): seconds; None: it does
-    not tell.
+    """Return (unit, units in a second, why) of stamps `period` apart, by the slope of theta; ("", 1, "") for seconds,
+    None if it does not tell.
 
-    Rows of a log are less than SLOWEST_PERIOD apart: where they are not, a gain that is not that of degrees is that of
-    t.
+    Rows of a log are less than SLOWEST_PERIOD apart: if these are farther, t is in another unit, and the gain tells
+    which.
     """
     if not {"theta", "theta_dot"} <= set(columns):
         return None

@@ -1,7 +1,7 @@
-"""Time stamps: which rows have one that can be used, and what is wrong with the others.
+"""Check time stamps: find the rows with one that can be used, and what is wrong with the others.
 
-Jitter and single odd periods are no fault: a stamp is missing only where the step
-exceeds the local period by what no jitter of this log explains.
+Jitter and single odd periods are no fault: a stamp is missing only where the step exceeds the local period by what no
+jitter of this log explains.
 """
 
 import math
@@ -31,7 +31,7 @@ FOLLOWED = 0.05            # of its distance from a stamp, by which the grid fol
 
 
 def usable_rows(t: np.ndarray) -> np.ndarray:
-    """Rows (n,) whose stamps [s] are finite and strictly increase; a single stamp far ahead does not hide the rest."""
+    """Return (n,) bool: stamps t (n,) that are finite and after all usable ones before; one far ahead is left out."""
     usable = np.isfinite(t)
     rows = np.flatnonzero(usable)
     if len(rows) < 2:
@@ -48,8 +48,8 @@ def usable_rows(t: np.ndarray) -> np.ndarray:
 
 
 def tick_of(t: np.ndarray) -> float:
-    """Return the resolution [s] of stamps t (n,) that do not go back: the smallest difference between their steps, of
-    those that STAMP_RESOLUTION tells apart, where the steps are so many of it, and not all of them as many; else 0."""
+    """Return the resolution [s] of stamps t (n,) that do not decrease: the smallest difference between steps, if it is
+    more than STAMP_RESOLUTION of a step and all steps are whole but unequal multiples of it; else 0."""
     steps = np.diff(t)
     apart = np.diff(np.sort(np.append(steps, 0.0)))
     apart = apart[apart > STAMP_RESOLUTION * min(np.mean(steps), np.median(steps[steps > 0.0]))]
@@ -62,10 +62,10 @@ def tick_of(t: np.ndarray) -> float:
 
 @np.errstate(over="ignore", invalid="ignore")
 def even_grid(t: np.ndarray) -> tuple[np.ndarray, float, float] | None:
-    """Return (times (n,), their period, the resolution of the stamps) [s] of stamps t (n,) that were rounded to a tick.
+    """Return (even times (n,), their period, the tick) [s] of stamps t (n,) [s] that were rounded to a tick.
 
-    The times are a line through row number and stamp, where every stamp is within its own resolution of it; the
-    numbers of lost rows are left out. None where the stamps are even as they are, jitter, or are rows written twice.
+    The times are on a line fitted to stamp over row number (lost rows counted), all stamps within one tick of it. None
+    where the stamps are even as they are, jitter, or belong to rows written twice.
     """
     steps = np.diff(t)
     if len(t) < FEWEST_TICKS or not np.all(np.isfinite(t)) or np.any(steps < 0.0):
@@ -85,7 +85,7 @@ def even_grid(t: np.ndarray) -> tuple[np.ndarray, float, float] | None:
 
 
 def _rows_with_lost(t: np.ndarray, usual: float) -> np.ndarray:
-    """Return row numbers (n,) of stamps t, of which those of lost rows are left out."""
+    """Return row numbers (n,) of stamps t (n,), one left out for each lost row; `usual`: fallback for the period."""
     reach = min(LOCAL, len(t) // 2)
     period = float(np.median((t[reach:] - t[:-reach]) / reach)) or usual
     row, place, numbers = 0, float(t[0]), np.empty(len(t), dtype=np.int64)
@@ -99,7 +99,7 @@ def _rows_with_lost(t: np.ndarray, usual: float) -> np.ndarray:
 
 
 def local_periods(steps: np.ndarray) -> np.ndarray:
-    """Median [s] of the steps (n,) around each of them."""
+    """Return the median step (n,) around each of steps (n,), over LOCAL_STEPS to either side."""
     padded = np.pad(steps, LOCAL_STEPS, mode="symmetric") if len(steps) > LOCAL_STEPS else None
     if padded is None:
         return np.full(len(steps), np.median(steps))
@@ -108,9 +108,9 @@ def local_periods(steps: np.ndarray) -> np.ndarray:
 
 @np.errstate(over="ignore", invalid="ignore")  # of stamps that are no times: what is infinite is beyond a limit too
 def gaps(t: np.ndarray, row: np.ndarray) -> list[tuple[float, float, int]]:
-    """(last stamp before, first after, rows lost) of each gap in strictly increasing stamps t (n,) [s].
+    """Return (last stamp before, first after, rows lost) of each gap in strictly increasing stamps t (n,) [s].
 
-    row (n,): their rows in the log; a row that stands between them with an unusable stamp is not lost
+    row (n,): their row numbers in the log; a row between them with an unusable stamp is not lost
     """
     steps = np.diff(t)
     if len(steps) < 3:
@@ -132,7 +132,7 @@ def _rows(count: int) -> str:
 
 
 def stamp_faults(t: np.ndarray, usable: np.ndarray) -> list[Fault]:
-    """One fault a sort: non-finite, out of order, repeated, backward, missing."""
+    """Return a Fault for each sort of bad stamp in t (n,): not finite, out of order, repeated, backward, missing."""
     found = []
     finite = np.isfinite(t)
     if not finite.all():
@@ -168,9 +168,9 @@ def stamp_faults(t: np.ndarray, usable: np.ndarray) -> list[Fault]:
 
 
 def unit_fault(t: np.ndarray, nominal: Nominal, by_slope: tuple[str, float, str] | None) -> tuple[list[Fault], float]:
-    """(what the unit of increasing stamps t (n,) is, how many are a second) where that is not 1.
+    """Return ([Fault], units in a second) if increasing stamps t (n,) are not in seconds, else ([], 1).
 
-    by_slope  as `slope.unit_of_time` tells it; None: the nominal's sample period does
+    by_slope  what `slope.unit_of_time` returned; None: the nominal's sample period decides
     """
     unit, factor, why = by_slope or time_unit(t, nominal.sensors.period)
     if not unit:
@@ -183,8 +183,8 @@ def unit_fault(t: np.ndarray, nominal: Nominal, by_slope: tuple[str, float, str]
 
 
 def time_unit(t: np.ndarray, period: float) -> tuple[str, float, str]:
-    """(unit, how many are a second, why) of increasing stamps t (n,), by the nominal sample period [s]; ("", 1, ""):
-    seconds."""
+    """Return (unit, units in a second, why) of increasing stamps t (n,), by the nominal sample period [s]; ("", 1, "")
+    for seconds."""
     step = float(np.median(np.diff(t))) if len(t) > 2 else period
     for name, factor in TIME_SCALES[:-1]:
         if factor / RATE_SLACK <= step / period <= factor * RATE_SLACK:
@@ -193,7 +193,7 @@ def time_unit(t: np.ndarray, period: float) -> tuple[str, float, str]:
 
 
 def origin_fault(t: np.ndarray, nominal: Nominal) -> list[Fault]:
-    """The fault of increasing stamps t (n,) [s] that have no time in common with the nominal's profile."""
+    """Return [Fault] if increasing stamps t (n,) [s] and the nominal's profile do not overlap in time; else []."""
     profile = nominal.vehicle.t
     if len(profile) < 2 or len(t) == 0 or (t[0] <= profile[-1] and t[-1] >= profile[0]):
         return []
@@ -203,7 +203,7 @@ def origin_fault(t: np.ndarray, nominal: Nominal) -> list[Fault]:
 
 
 def uniform_times(t: np.ndarray) -> np.ndarray:
-    """Times (m,) [s], one median period apart, over increasing stamps t (n,), m at most LONGEST_GRID n."""
+    """Return times (m,), one median step apart, over all of increasing t (n,); m is at most LONGEST_GRID n."""
     period = float(np.median(np.diff(t)))
     count = int(min((t[-1] - t[0]) / period + 1.5, LONGEST_GRID * len(t)))
     return np.asarray(t[0] + period * np.arange(count))

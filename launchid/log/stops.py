@@ -1,12 +1,12 @@
-"""End stops of a sensor, as its column shows them: the largest or the smallest value comes again and again, to the bit,
-far more often than those next to it, and the motion runs into it and leaves again.
+"""Find rows in which a sensor is at an end stop: the largest or the smallest value of its column comes again and again,
+to the bit, far more often than those next to it, and the motion runs into it and leaves again.
 
 A quantised channel is at its last step hardly more often than at those before; what comes to rest comes slowly; a
-channel of a slower rate, or a reference, repeats elsewhere too.  The nozzle is not asked: at the command's limit it
+channel of a slower rate, or a reference, repeats elsewhere too.  The nozzle is not checked: at the command's limit it
 really is there.
 
-Limitations: noise added after the stop hides it, and so does a quantum beyond the noise; a stand that runs into a stop
-of its own, rests and leaves it, looks the same.
+Limitations: noise added after the stop hides it, and so does a quantum beyond the noise; a stand that runs into a
+mechanical stop, rests and leaves it, looks the same.
 """
 
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ Ends = tuple[np.ndarray, np.ndarray]  # values in order, and how many rows have 
 
 
 def ends_of(x: np.ndarray, before: Ends | None = None) -> Ends:
-    """The values at both ends of all that came before and of x (n,), no more of them than `end_stops` asks for."""
+    """Return (values in order, rows of each) of x (n,) with `before`: the lowest and the highest FEWEST_LEVELS."""
     values, rows = np.unique(x, return_counts=True)
     if before is not None:
         values, place = np.unique(np.concatenate([before[0], values]), return_inverse=True)
@@ -45,7 +45,7 @@ def ends_of(x: np.ndarray, before: Ends | None = None) -> Ends:
 
 
 def last_values(ends: Ends) -> list[float]:
-    """The last values that have far more rows than those next to them."""
+    """Return the largest and the smallest value, each only if it has far more rows than the values next to it."""
     values, rows = ends
     if len(values) < FEWEST_LEVELS:
         return []
@@ -56,9 +56,9 @@ def last_values(ends: Ends) -> list[float]:
 
 
 def end_stops(x: np.ndarray, ends: Ends | None = None) -> np.ndarray:
-    """(n,) bool: the rows of x (n,), all finite, at an end stop.
+    """Return (n,) bool: rows of x (n,), all finite, at an end stop of the sensor.
 
-    ends  of all rows so far, of which x are the last; None: x are all
+    ends  `ends_of` all rows so far, of which x are the last; None: x are all
     """
     stopped = np.zeros(len(x), bool)
     steps = np.abs(np.diff(x))
@@ -79,9 +79,9 @@ def end_stops(x: np.ndarray, ends: Ends | None = None) -> np.ndarray:
 
 
 def stopped(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, so_far: Ends | None = None) -> Iterator[Fault]:
-    """Rows of x (n,) at an end stop of its sensor; clears them in mask (n,) inout.
+    """Yield the Fault of rows of x (n,) at an end stop; set mask (n,) False there and next to them, in place.
 
-    so_far  as `end_stops`' ends
+    so_far  `ends_of` all rows so far, of which x are the last; None: x are all
     """
     rows = np.flatnonzero(mask)
     at = rows[end_stops(x[rows], so_far)] if len(rows) else rows
@@ -95,10 +95,10 @@ def stopped(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, so_far: E
 
 
 def wrapped_rows(x: np.ndarray) -> np.ndarray:
-    """Return (n,) bool: the rows of x (n,), all finite, in which its number ran over to the other end of its range.
+    """Return (n,) bool: rows of x (n,), all finite, whose number overflowed to the other end of its range.
 
     Overflow is a jump over nearly the whole range and one back, far larger than any other step; the shorter of the
-    stretches between two of them is the one beyond the end.
+    stretches between two such jumps is the one beyond the end.
     """
     over = np.zeros(len(x), bool)
     steps, whole = np.abs(np.diff(x)), float(np.ptp(x)) if len(x) else 0.0
@@ -115,7 +115,7 @@ def wrapped_rows(x: np.ndarray) -> np.ndarray:
 
 
 def ran_over(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray) -> Iterator[Fault]:
-    """Rows of x (n,) beyond the range of its number; clears them in mask (n,) inout."""
+    """Yield the Fault of rows of x (n,) whose number overflowed its range; set mask (n,) False there, in place."""
     rows = np.flatnonzero(mask)
     at = rows[wrapped_rows(x[rows])]
     if len(at):

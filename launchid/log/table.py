@@ -30,7 +30,7 @@ _LONG_EXPONENT = re.compile(r"[eE][+-]?\d{5}")  # these
 
 
 def numbers(cells: Sequence[str]) -> list[float] | None:
-    """Return a column of cells as numbers, as `number`; None if one is no number."""
+    """Return a column of cells as floats, an empty one as NaN (`sim.csv_text.number`); None if one is no number."""
     text = "\n".join(cells)
     if _PLAIN.match(text) and not _LONG_EXPONENT.search(text):
         try:
@@ -42,7 +42,7 @@ def numbers(cells: Sequence[str]) -> list[float] | None:
 
 
 def places(path: str, header: list[str], required: tuple[str, ...], where: str = "line 1: ") -> dict[str, int]:
-    """Return column name -> place in the header; InputError (`where` names its line) if it cannot be a log's."""
+    """Return column name -> index in a header; InputError (`where`: its line) if a name is repeated or missing."""
     names = [name.strip() for name in header]
     for name, times in Counter(names).items():
         if times > 1 and name:
@@ -56,7 +56,7 @@ def places(path: str, header: list[str], required: tuple[str, ...], where: str =
 
 
 def _without(name: str, names: list[str]) -> str:
-    """Return one sentence on a missing column, and on what seems to be the reason."""
+    """Return half a sentence on a required column `name` that is missing among `names`, and the likely reason."""
     if len(names) == 1:
         for character, words in FOREIGN_DELIMITERS.items():
             if character in names[0]:
@@ -72,10 +72,10 @@ def _without(name: str, names: list[str]) -> str:
 
 
 class Columns:
-    """The columns of a CSV log: checks its header once, then turns any number of rows into numbers.
+    """The columns of a CSV log: checks the header once, then turns any number of rows of cells into numbers.
 
-    known, ignored   name -> place of the columns that are used; names of the others, those that have one
-    InputError for a header that cannot be a log's.
+    known, ignored   name -> index of the columns that are used; names of the others
+    InputError for a header that lacks a required column, has a name twice, or both gamma and alpha.
     """
 
     def __init__(self, path: str, header: list[str], required: tuple[str, ...] = REQUIRED,
@@ -86,7 +86,7 @@ class Columns:
         self.ignored = tuple(name for name in names if name and name not in self.known)
 
     def numbers(self, line: int, cells: list[str], is_last: Callable[[], bool] = lambda: False) -> list[float]:
-        """Return one row's known cells as numbers; InputError naming line and column.  is_last(): the file's last?"""
+        """Return a row's known cells as floats; InputError naming line and column.  is_last(): the file's last row?"""
         if len(cells) != self.width:
             raise InputError(f"{self.path}: line {line}: {self._odd_width(cells, is_last)}")
         if cells == self._header:
@@ -112,7 +112,7 @@ class Columns:
 
     def _block(self, rows: list[tuple[int, list[str]]], rest: Iterator[tuple[int, list[str]]],
                ) -> Iterator[Sequence[float]]:
-        """Return the known columns of these rows, before the rest; InputError for the first that cannot be read."""
+        """Return known columns of rows (line, cells), `rest` behind them; InputError for the first unreadable row."""
         if all(len(cells) == self.width for _, cells in rows):
             turned = list(zip(*(cells for _, cells in rows), strict=True))
             columns = [numbers(turned[k]) for k in self.known.values()]
@@ -123,7 +123,7 @@ class Columns:
         return zip(*before, self.numbers(*rows[-1], is_last=lambda: next(rest, None) is None), strict=True)
 
     def read(self, rows: Iterable[tuple[int, list[str]]]) -> dict[str, np.ndarray]:
-        """Return name -> known column (rows,) of all rows (line, cells), as `csv_text.rows` yields them."""
+        """Return name -> known column (n,) of all rows (line, cells), as `csv_text.rows` yields them."""
         columns = [array("d") for _ in self.known]  # grows where it is: no second copy at the end
         rows = iter(rows)
         while block := list(itertools.islice(rows, ROWS_A_BLOCK)):
@@ -133,6 +133,6 @@ class Columns:
                 for name, column in zip(self.known, columns, strict=True)}
 
     def values(self, rows: list[list[float]]) -> dict[str, np.ndarray]:
-        """Return name -> known column (rows,) from rows that `numbers` returned."""
+        """Return name -> known column (n,) from n rows that `numbers` returned."""
         table = np.array(rows, dtype=np.float64).reshape(len(rows), len(self.known))
         return {name: table[:, k].copy() for k, name in enumerate(self.known)}

@@ -1,7 +1,7 @@
-"""Attitudes that were logged within one turn: where such an angle jumps by a whole turn the logger took one off.
+"""Make attitudes continuous that a logger kept within one turn, and that jump by a whole turn where it took one off.
 
-Only an angle that lies within one turn is made continuous: raw counts, degrees read as radians and markers of missing
-data stay as they are, for the data check to tell.
+Only an angle that lies within one turn is changed: raw counts, degrees read as radians and markers of missing data stay
+as they are, for the data check to find.
 """
 
 import math
@@ -21,7 +21,7 @@ MOST_TURNS = 3.0  # turns: an attitude that starts farther is none in radians
 
 
 def continuous(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return an angle x (n,) [rad] with its whole turns put back, and the rows (k,) before which one was.
+    """Return (angle x (n,) [rad] with its whole turns put back, rows (k,) just behind a jump by a turn).
 
     A jump is from one end of a turn to the other, both within SEAM of it; NaN are passed over.
     """
@@ -42,7 +42,7 @@ def continuous(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def unwrapped(log: Log) -> tuple[Log, tuple[Fault, ...]]:
-    """Return the log with whole turns put back, and a Fault for each thing done.
+    """Return (the log with whole turns put back in theta and theta_ref, a Fault for each thing done).
 
     If theta starts beyond half a turn, its whole turns are taken off theta and theta_ref.
     """

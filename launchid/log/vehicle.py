@@ -1,12 +1,12 @@
-"""Units and signs that only the vehicle tells: beta and its command both reversed, or the whole log in degrees.
+"""Find units and signs that only the vehicle shows: beta and its command both reversed, or the whole log in degrees.
 
 theta_dot between blocks changes by the integral of a6 alpha + k1 beta: a regression on both, with the nominal's a6 and
 k1, gives k1 over the nominal's.  In a flight it is 0.8 to 1.3; a wind that nobody measured, which the loop answers,
 draws it to 0 and leaves little explained; a bending mode that the loop excites has made it 22 at most.  A reversed sign
 or degrees are beyond that.  A log all in degrees obeys the equation as before: its noise is 57 times the declared, and
-theta 57 times what the guidance asks for.
+theta 57 times what the guidance commands.
 
-Before an estimate this is a warning; in a diagnosis, which asks the vehicle, a doubt more about what nothing explains.
+For an estimate such a fault is a warning; for a diagnosis it is a further doubt where no effect explains the log.
 """
 
 import math
@@ -39,9 +39,9 @@ NOISE_SLACK = 2.2    # noise is declared less well than a parameter, and a loop 
 
 
 def plant_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> list[Fault]:
-    """The fault of beta, theta or all angles, by the nominal's k1 and noise; one at most.
+    """Return [Fault] of beta, of theta or of all angles (unit or sign), by the nominal's k1 and noise, or [].
 
-    masks  channel -> (n,) bool: the values that may be used
+    masks  column -> (n,) bool: the values that may be used
     """
     rows = masks["theta"] & masks["beta"]
     if np.count_nonzero(rows) < ENOUGH_BLOCKS:
@@ -55,9 +55,9 @@ def plant_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> li
 
 
 def guided_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> list[Fault]:
-    """The fault of angles that are all in degrees: theta follows the guidance times 57, and k1 does not contradict it.
+    """Return [Fault] of all angles in degrees, or []: theta is 57 times the guidance, and k1 does not contradict it.
 
-    masks  as in `plant_faults`
+    masks  column -> (n,) bool: the values that may be used
     """
     rows = masks["theta"] & masks["beta"]
     if nominal.guidance is None or np.count_nonzero(rows) < ENOUGH_BLOCKS:
@@ -77,7 +77,7 @@ def _of_all(t: np.ndarray, why: str) -> Fault:
 
 
 def _of_ratio(ratio: float, std: float, explained: float) -> tuple[str, str, str] | None:
-    """(kind, channel, message) of k1 over the nominal's, nothing if it may be true."""
+    """Return (kind, column, message) of a fault, by the ratio of k1 to the nominal's; None if the ratio may be true."""
     if not (explained > BETA_SHARE and abs(ratio) > SLOPE_SIGMAS * std):
         return None
     said = f"k1 comes out {ratio:.2g} times the nominal's"
@@ -93,7 +93,7 @@ def _of_ratio(ratio: float, std: float, explained: float) -> tuple[str, str, str
 
 
 def _ratio(log: Log, nominal: Nominal, masks: dict[str, np.ndarray], rows: np.ndarray) -> tuple[float, float, float]:
-    """k1 over the nominal's, its standard deviation, and the share of the variance that beta explains."""
+    """Return (k1 over the nominal's, its std, share that beta explains) in rows (n,) bool; (NaN, NaN, 0) of few."""
     with_rate = np.count_nonzero(masks["theta_dot"] & rows) > 0.5 * np.count_nonzero(rows)
     rows = rows & masks["theta_dot"] if with_rate else rows
     t, theta, size = log.t[rows], log.theta[rows], max(2, round(RATE_BLOCK / log.period))
@@ -122,7 +122,7 @@ def _ratio(log: Log, nominal: Nominal, masks: dict[str, np.ndarray], rows: np.nd
 
 
 def _all_noise_in_degrees(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> bool:
-    """The noise of every channel whose noise is declared, of two at least, is 57 times that."""
+    """Whether every column with declared noise, at least two, has about 57 times that noise."""
     ratios = []
     for name, std, step in NOISE_CHANNELS:
         declared = math.hypot(getattr(nominal.sensors, std), getattr(nominal.sensors, step) / math.sqrt(12.0))
