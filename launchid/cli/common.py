@@ -34,18 +34,18 @@ def tell(result: "Answer", json_path: str | None, plot_path: str | None = None) 
     answer(result.summary())
 
 
-def check_outputs(*paths: str | None) -> None:
-    """Raise InputError if a file cannot be written (None and "-" pass); for use before anything is computed."""
-    for path in paths:
+def check_outputs(*paths: str | None, plots: tuple[str | None, ...] = (), folder: str | None = None) -> None:
+    """Raise, before anything is computed, for an output that cannot be written (None and "-" pass): InputError for a
+    file or a folder; UsageError for a plot (`plots`) whose suffix is no figure format."""
+    for path in (*paths, *plots):
         if path and path != "-":
             check_output(path)
-
-
-def check_folders(*paths: str | None) -> None:
-    """Raise InputError if a folder cannot be made or written to (None passes); for use before anything is computed."""
-    for path in paths:
-        if path:
-            check_folder(path)
+    if any(plots):
+        from sim.canvas import check_suffix
+        for path in filter(None, plots):
+            check_suffix(path)
+    if folder:
+        check_folder(folder)
 
 
 def at_least(name: str, value: int, low: int) -> None:
@@ -79,10 +79,3 @@ def read_nominal(path: str) -> "Nominal":
     if warning := wrong_feedback(nominal):
         say(warning)
     return nominal
-
-
-def check_plot(path: str | None) -> None:
-    """Raise UsageError if no figure format has the path's suffix (None passes); for use before anything is computed."""
-    if path:
-        from sim.canvas import check_suffix
-        check_suffix(path)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from sim.errors import UsageError, extra_needed
 
 from ..argument_checks import integer, several
-from ..cli.common import check_folders, read_nominal
+from ..cli.common import check_outputs, read_nominal
 from ..cli.options import NOMINAL_HELP, add_command, given
 from ..cli.terminal import answer, say
 from ..progress import Counter
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> None:
     """Run `launchid campaign` with its parsed arguments: fly into the folder --out, and print the verdict."""
     check_executor(args.executor)
     nominal = read_nominal(args.nominal)
-    check_folders(args.out)
+    check_outputs(folder=args.out)
     is_flown = not args.merge and (args.flights or 0) > 0
     for line in foreseen(nominal, args.flights, args.requirement, args.stop) if is_flown else ():
         say(line)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..argument_checks import integer, word
-from ..cli.common import at_least, check_folders, check_outputs, read_nominal, read_noting, tell
+from ..cli.common import at_least, check_outputs, read_nominal, read_noting, tell
 from ..cli.options import (
     LOG_HELP,
     NOISE_CHOICES,
@@ -59,8 +59,7 @@ def run(args: argparse.Namespace) -> None:
     at_least("--bootstrap", args.bootstrap, 0)
     log, nominal = read_noting(args.log, "t", map_path=args.map), read_nominal(args.nominal)
     holdout = read_noting(args.holdout, "t", map_path=args.map) if args.holdout else None
-    check_outputs(args.json)
-    check_folders(args.report)
+    check_outputs(args.json, folder=args.report)
     args.holdout = holdout
     result = diagnose(log, nominal, **given(diagnose, args))
     if args.report:

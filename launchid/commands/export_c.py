@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sim.errors import UsageError
 
 from ..argument_checks import DEFAULT_WINDOW
-from ..cli.common import check_folders, read_nominal
+from ..cli.common import check_outputs, read_nominal
 from ..cli.options import NOMINAL_HELP, add_choices, add_command, given
 from ..cli.terminal import say
 from ..progress import report
@@ -41,7 +41,7 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run `launchid export-c` with its parsed arguments: write the C files into the folder --out."""
     nominal = read_nominal(args.nominal)
-    check_folders(args.out)
+    check_outputs(folder=args.out)
     report("writing the estimator in C, and flying its vectors")
     result = export_c(nominal, **given(export_c, args))
     replaced = " (what was there of these files is replaced)" if (Path(args.out) / "launchid.c").exists() else ""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sim.errors import UsageError
 
 from ..argument_checks import DEFAULT_WINDOW, real
-from ..cli.common import check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
+from ..cli.common import check_outputs, read_nominal, read_noting, tell
 from ..cli.options import (
     LOG_HELP,
     NOMINAL_HELP,
@@ -65,10 +65,7 @@ def run(args: argparse.Namespace) -> None:
     log = read_noting(args.log, map_path=args.map)
     source = nominal_of(args)
     nominal = read_nominal(source) if source else None
-    check_outputs(args.json, args.plot, args.resid)
-    check_plot(args.plot)
-    check_plot(args.resid)
-    check_folders(args.report)
+    check_outputs(args.json, plots=(args.plot, args.resid), folder=args.report)
     result = identify(log, nominal, **given(identify, args))
     if args.report:
         result.write_report(args.report)

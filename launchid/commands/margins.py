@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..argument_checks import DEFAULT_WINDOW
-from ..cli.common import check_folders, check_outputs, check_plot, read_nominal, read_noting, tell
+from ..cli.common import check_outputs, read_nominal, read_noting, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict, given
 from ..results.answer import Answer, flat
 
@@ -45,9 +45,7 @@ def run(args: argparse.Namespace) -> None:
     """Run `launchid margins` with its parsed arguments: print the margins, and write what options ask for."""
     log = read_noting(args.log, map_path=args.map)
     nominal = read_nominal(args.nominal)
-    check_outputs(args.json, args.plot)
-    check_plot(args.plot)
-    check_folders(args.report)
+    check_outputs(args.json, plots=(args.plot,), folder=args.report)
     result = margins(log, nominal, **given(margins, args))
     if args.report:
         result.write_report(args.report)

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from ..cli.common import at_least, check_folders
+from ..cli.common import at_least, check_outputs
 from ..cli.options import add_command
 from ..cli.terminal import answer, say
 
@@ -25,6 +25,6 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run `launchid reproduce` with its parsed arguments: repeat experiments into the folder --out, print the table."""
     at_least("--seeds", args.seeds, 1)
-    check_folders(args.out)
+    check_outputs(folder=args.out)
     from ..experiments.report import reproduce
     answer(reproduce(args.case, args.seeds, args.out, say))

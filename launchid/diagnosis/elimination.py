@@ -155,6 +155,8 @@ class Search:
             for j in group.numbers[group.linear:] if m.low[j] > 0.0)
 
     def is_needed(self, group: Group, gain: float, error: float, removable: float) -> bool:
+        """Whether a group, without which rows left out are worse by `gain` squares (+- error), has to stay; removable:
+        what the full model saves over the nominal."""
         if gain < self.m.unsure:
             return False
         if group.name == "inertia" and not self.m.is_commanded and gain < MOST * removable:
@@ -187,9 +189,9 @@ class Search:
         C = inverse(m, full)
         s = 1.0 / np.sqrt(np.diag(C))
         self.correlation = np.abs(C * np.outer(s, s))
-        m.white(full.p)
+        m.move_to(full.p)
         fit, live, best, e_end = self.take_away(full, e_nominal, e_full)
-        m.white(fit.p)
+        m.move_to(fit.p)
         fit = fit._replace(J=slopes(m, fit.p, fit.free))
         kept, fit, e_end, live, idle = self.judged(fit, live, e_nominal, best, e_end)
         while kept and idle:      # they hide what the others are worth
@@ -201,7 +203,7 @@ class Search:
                 kept, fit, e_end, live, _ = fewer
         if not kept:
             fit, e_end = nominal, e_nominal
-        m.white(fit.p)
+        m.move_to(fit.p)
         return Elimination(nominal, full, fit, e_nominal, e_full, e_end, self.unit, kept, std_full, tuple(self.notes))
 
     def related(self, a: Group, b: Group) -> float:
@@ -250,8 +252,10 @@ class Search:
                 e = left_out(m, tried)
                 gain, error = compare(m, e, e_end if len(gone) > 1 else best, self.unit)
                 removable = max(square(e_nominal) - square(best), 1e-9)
-                if gain < max(error, MIN_SQUARES_SAVED) if len(gone) > 1 else self.is_at_an_end(fit, gone[0]) or \
-                        not self.is_needed(gone[0], gain, error, removable):
+                go_together = len(gone) > 1 and gain < max(error, MIN_SQUARES_SAVED)
+                goes_alone = len(gone) == 1 and (self.is_at_an_end(fit, gone[0])
+                                                 or not self.is_needed(gone[0], gain, error, removable))
+                if go_together or goes_alone:
                     fit, e_end, live = tried, e, [g for g in live if g not in gone]
                     best = e if square(e) < square(best) else best
                     break
@@ -266,7 +270,7 @@ class Search:
         m = self.m
         for turn in range(3):
             kept, swap = [], None
-            m.white(fit.p)
+            m.move_to(fit.p)
             std = deviations(m, fit, self.unit)
             removable = max(square(e_nominal) - min(square(best), square(e_end)), 1e-9)
             for g in live:
@@ -312,7 +316,7 @@ class Search:
         m, p = self.m, rest.p.copy()
         p[list(other.numbers)] = self.full.p[list(other.numbers)]
         free = tuple(sorted({*rest.free, *other.numbers}))
-        m.white(p)
+        m.move_to(p)
         new = slopes(m, p, other.numbers)
         J = np.column_stack([new[:, other.numbers.index(j)] if j in other.numbers else rest.J[:, rest.at(j)]
                              for j in free])

@@ -171,7 +171,7 @@ def fit_levels(m: Model, p: np.ndarray, rounds: int = 3) -> None:
                 break
         else:
             m.levels, gain = old, 0.0
-            m.white(p)
+            m.move_to(p)
         if gain < 0.25:
             return
 
@@ -180,5 +180,5 @@ def level_deviation(m: Model, p: np.ndarray, k: int) -> float:
     """Return the standard deviation of noise level k, in its unit."""
     C = np.linalg.inv(0.5 * level_information(m, p)[1])
     at = int(np.flatnonzero(m.moves == k)[0])
-    m.white(p)
+    m.move_to(p)
     return float(math.exp(m.levels[k]) * math.sqrt(C[at, at]))

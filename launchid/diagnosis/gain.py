@@ -53,7 +53,7 @@ def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray, is_an
     """Return errors ahead (starts, spans, 3), each start under numbers that its fold was not used for; is_another:
     under the fit's (another log)."""
     out = np.full((len(starts), len(spans), 3), np.nan)
-    m.white(fit.p)
+    m.move_to(fit.p)
     fold = starts * (MODEL_FOLDS * FOLD_PASSES) // m.n % MODEL_FOLDS
     for f, p in enumerate([fit.p] if is_another else folds(m, fit)[1]):
         mine = np.arange(len(starts)) if is_another else np.flatnonzero(fold == f)
@@ -81,7 +81,7 @@ def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float, is_anot
                 before, after, full_ = (trimmed(e[good, q, ch]) for e in errors)
                 of[name] = (before, after, full_, float(np.mean(change[good]**2)))
         squares[round(float(span * row), 6)] = of
-    m.white(final.p)
+    m.move_to(final.p)
     return Gain(squares, nats, "a second log" if is_another else "blocks left out")
 
 

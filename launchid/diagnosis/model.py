@@ -315,6 +315,10 @@ class Model:
         self.log_variance = ekf.whiten((self.E2 if frozen else self.E).ravel(), self.S.ravel(), self.flat, out)
         return out
 
+    def move_to(self, p: np.ndarray) -> None:
+        """Run the filter with numbers p: its path, variances and `log_variance` are then those of p."""
+        self.white(p)
+
     def _choose_rows(self) -> None:
         """Choose rows and channels to score: not the first, nor those after a gap, while the filter settles."""
         ok, skip = np.isfinite(self.S), max(10, self.n // 200)

@@ -273,7 +273,7 @@ def weather(m: Model, fit: Fit) -> str:
     if not best[0]:
         m.levels = levels
         m.with_numbers(*table)
-        m.white(fit.p)
+        m.move_to(fit.p)
     return best[0]
 
 
@@ -366,7 +366,7 @@ def other_shape(m: Model, el: Elimination, k: Kept) -> str:
     fit = gauss_newton(m, p, free, el.final.band | {bias}, 2)
     costs, error = compare(m, left_out(m, fit), el.e_final, el.unit)
     m.with_numbers(*table)
-    m.white(el.final.p)
+    m.move_to(el.final.p)
     return "an attitude reference that drifts explains as much as a gyro_bias: another reference would decide" \
         if costs < ALIKE_Z * error else ""
 
@@ -433,7 +433,7 @@ def acts(m: Model, el: Elimination) -> bool:
         wins.append(without - square(fit.e))
     m.track, m.integral = track, integral
     m.inputs.clear()
-    m.white(el.final.p)
+    m.move_to(el.final.p)
     return own > PLACEBO * max(wins)
 
 

@@ -11,7 +11,7 @@ from sim.canvas import NOMINAL_COLOUR, TRACKED, TRACKED_BAND
 from sim.nominal import Nominal
 
 from ..log.log import Log
-from ..robustness.flight_margins import MARGIN_TITLES, MARGIN_UNITS, Judged, WindowMargins, declared_servo, required_of
+from ..robustness.flight_margins import MARGINS, Judged, WindowMargins, declared_servo, required_of
 from ..robustness.loops import Loops, loops, plants_of
 from ..robustness.margin_spread import MARGIN_NAMES, ellipsoid
 
@@ -76,7 +76,7 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
             axis.axvspan(w["t_start"], w["t_end"], facecolor="0.96", edgecolor="0.8", hatch="//", linewidth=0, zorder=0)
             axis.text(0.5 * (w["t_start"] + w["t_end"]), 0.05, w["status"], ha="center", fontsize=6, color="0.25",
                       transform=axis.get_xaxis_transform())
-    axis.set_ylabel(f"{MARGIN_TITLES[name]}\n[{MARGIN_UNITS[name]}]", fontsize=8)
+    axis.set_ylabel(f"{MARGINS[name].words}\n[{MARGINS[name].unit}]", fontsize=8)
     _scale(axis, np.concatenate(shown) if shown else np.zeros(0), demand)
 
 

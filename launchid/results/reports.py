@@ -9,7 +9,7 @@ from sim.errors import InputError
 
 from ..charts.page import table, text
 from ..charts.report import Picture, paragraphs, write_report
-from ..robustness.flight_margins import MARGIN_NAMES, MARGIN_TITLES, MARGIN_UNITS, closing_lines, interval_words
+from ..robustness.flight_margins import MARGIN_NAMES, MARGINS, closing_lines, interval_words
 from ..shown import with_std
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def margins_report(found: "FlightMargins", folder: str | Path) -> None:
         for of, one in (("window", window), *((("tracked", window["tracked"]),) if "tracked" in window else ())):
             stable = one["stable"]["probability"]
             rows.append([f"{window['t_start']:g} .. {window['t_end']:g}", of, text(one["status"]),
-                         *(text(interval_words(one[name], MARGIN_UNITS[name])) for name in MARGIN_NAMES),
+                         *(text(interval_words(one[name], MARGINS[name].unit)) for name in MARGIN_NAMES),
                          "-" if stable is None else f"{stable:.4f}"])
             chosen.append(any(each["t_start"] == window["t_start"] and each["estimate"] == of
                               for each in said["below"] + said["may_be_below"]))
@@ -97,7 +97,7 @@ def margins_report(found: "FlightMargins", folder: str | Path) -> None:
         [f"Required: {required.gain_db:g} dB, {required.phase_deg:g} degrees"
          + (f", {required.delay_ms:g} ms" if required.delay_ms > 0.0 else "") + "; bold: below it, or perhaps."])
     first += table(["window [s]", "of", "status",
-                    *(f"{MARGIN_TITLES[name]} [{MARGIN_UNITS[name]}]" for name in MARGIN_NAMES), "P(stable)"],
+                    *(f"{MARGINS[name].words} [{MARGINS[name].unit}]" for name in MARGIN_NAMES), "P(stable)"],
                    rows, chosen)
     pictures = {"margins.png": Picture("Margins over the flight, and the last loop",
         "Left: margins with 95 % intervals, and what is required. Right: the last window that has margins, as Nichols "

@@ -41,8 +41,6 @@ DECLARE = "; declare natural_frequency_sigma, damping_ratio_sigma, delay_sigma i
 CHANGE_SETTLED = 2.0  # s after a sudden change, when its size is final
 NO_MARGIN = {"value": None, "std": None, "low": None, "high": None}
 OTHER_LOOP = ("aero_damping", "actuator_gain")    # effects that the estimator knows of and the frozen loop does not
-MARGIN_TITLES = {name: margin.words for name, margin in MARGINS.items()}
-MARGIN_UNITS = {name: margin.unit for name, margin in MARGINS.items()}
 
 
 class Servo(NamedTuple):
@@ -227,13 +225,17 @@ def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, gains: tuple[
 # ---- the answer
 
 
+def interval_json(spread: Spread, name: str) -> dict[str, float | None]:
+    """Return value, std, low, high of margin `name`; None for what is not finite."""
+    return {key: json_number(x) for key, x in getattr(spread, name)._asdict().items()}
+
+
 def margins_json(judgement: Judged) -> dict[str, Any]:
     """Return one estimate's margins as JSON: valid, status, value/std/low/high of each of MARGIN_NAMES, stable."""
     spread = judgement.spread
     said: dict[str, Any] = {"valid": judgement.valid, "status": judgement.status}
     for name in MARGIN_NAMES:
-        said[name] = dict(NO_MARGIN) if spread is None else {
-            key: json_number(value) for key, value in getattr(spread, name)._asdict().items()}
+        said[name] = dict(NO_MARGIN) if spread is None else interval_json(spread, name)
     return said | {"stable": {"probability": None if spread is None else spread.stable}}
 
 
@@ -246,16 +248,16 @@ def below_json(windows: Sequence[WindowMargins], required: Required, is_tracked:
             if judgement.spread is None:
                 continue
             for name, certain in judgement.spread.below(required).items():
-                interval = {key: json_number(x) for key, x in getattr(judgement.spread, name)._asdict().items()}
                 rows.append({"t_start": each.t_start, "t_end": each.t_end, "estimate": estimate, "margin": name,
-                             "required": required_of(required, name), **interval, "certain": certain})
+                             "required": required_of(required, name), **interval_json(judgement.spread, name),
+                             "certain": certain})
     return rows
 
 
 def miss_words(spread: Spread, name: str, required: Required) -> str:
     """Return the margin `name`, its 95 % interval and the required value as text, for a margin that may be below it."""
-    interval = {key: json_number(x) for key, x in getattr(spread, name)._asdict().items()}
-    return (f"{MARGIN_TITLES[name]} {interval_words(interval, MARGIN_UNITS[name])} {MARGIN_UNITS[name]}, required "
+    unit = MARGINS[name].unit
+    return (f"{MARGINS[name].words} {interval_words(interval_json(spread, name), unit)} {unit}, required "
             f"{required_of(required, name):g}")
 
 
@@ -292,12 +294,12 @@ def interval_words(interval: dict[str, float | None], unit: str = "") -> str:
 
 def table(said: dict[str, Any]) -> str:
     """Return the JSON of `report` as text for a terminal: a line per window, servo, margins too low, findings."""
-    heads = [f"{MARGIN_TITLES[name]} [{MARGIN_UNITS[name]}]" for name in MARGIN_NAMES]
+    heads = [f"{MARGINS[name].words} [{MARGINS[name].unit}]" for name in MARGIN_NAMES]
     lines = [f"{'t_start':>9} {'t_end':>9} {'of':<8} {'status':<15} " + " ".join(f"{head:>26}" for head in heads)
              + f" {'P(stable)':>10}"]
     for window in said["windows"]:
         for estimate, one in (("window", window), *((("tracked", window["tracked"]),) if "tracked" in window else ())):
-            cells = " ".join(f"{interval_words(one[name], MARGIN_UNITS[name]):>26}" for name in MARGIN_NAMES)
+            cells = " ".join(f"{interval_words(one[name], MARGINS[name].unit):>26}" for name in MARGIN_NAMES)
             stable = one["stable"]["probability"]
             lines.append(f"{window['t_start']:>9.3f} {window['t_end']:>9.3f} {estimate:<8} {one['status']:<15} {cells} "
                          f"{'-' if stable is None else f'{stable:.4f}':>10}")
@@ -333,9 +335,7 @@ def below_lines(reached: list[dict[str, Any]], verb: str) -> list[str]:
                 continue
             worst = (max if name == "gain_low_db" else min)(
                 rows, key=lambda each: -math.inf if each["value"] is None else each["value"])
-            lines.append(f"{MARGIN_TITLES[name]} ({estimate}) {verb} below {abs(rows[0]['required']):g} "
-                         f"{MARGIN_UNITS[name]} in "
-                         f"{len(rows)} window{'s' * (len(rows) > 1)}, "
-                         f"worst {interval_words(worst, MARGIN_UNITS[name])} in "
-                         f"{worst['t_start']:g}..{worst['t_end']:g} s")
+            lines.append(f"{MARGINS[name].words} ({estimate}) {verb} below {abs(rows[0]['required']):g} "
+                         f"{MARGINS[name].unit} in {len(rows)} window{'s' * (len(rows) > 1)}, worst "
+                         f"{interval_words(worst, MARGINS[name].unit)} in {worst['t_start']:g}..{worst['t_end']:g} s")
     return lines

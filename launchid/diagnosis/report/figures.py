@@ -70,7 +70,7 @@ def innovations(result: Result) -> Figure | None:
     figure, axes = panels(len(channels), "prediction errors one row ahead; dotted: 3 standard deviations")
     t = m.t[:-1] + m.track.record.shift
     for label, style, fit in shown(result):
-        m.white(fit.p)
+        m.move_to(fit.p)
         for axis, ch in zip(axes, channels, strict=True):
             inside = np.isfinite(m.S[:, ch])
             outside = float(np.mean(np.abs(m.E[inside, ch]) > INNOVATION_BAND * np.sqrt(m.S[inside, ch])))

@@ -158,7 +158,7 @@ def test_a_gyro_that_is_whole_rows_late_is_put_back(clean):
     p[m.index("gyro_delay")] = m.retimed
     m.levels[:] = clean.levels
     clean.white(clean.null)
-    m.white(p)
+    m.move_to(p)
     assert m.E[:-4] == pytest.approx(clean.E[:-4], abs=1e-8)
     m.retime(0.043)
     assert m.retimed == pytest.approx(0.04)
