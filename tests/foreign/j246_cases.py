@@ -154,6 +154,7 @@ CASES: dict[str, Callable[[np.random.Generator], Case]] = {
     made.__name__: made for made in (
         calm, windy, untrimmed, weak_gimbal, gimbal_fails, k1_wrong, gust, slow_servo, late_servo, gyro_bias, late_gyro,
         attitude_bias, engine_out, turbulence, servo_bias, servo_hysteresis, servo_rate, servo_own)}
+SIX = ("weak_gimbal", "k1_wrong", "gust", "slow_servo", "gyro_bias", "engine_out")  # kinds that were asked for first
 
 
 def case(name: str, seed: int) -> Case:
