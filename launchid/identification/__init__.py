@@ -1,1 +1,1 @@
-"""Identification of a log, window by window, and what its windows promise."""
+"""Identify a log window by window, and say which of its windows are valid."""

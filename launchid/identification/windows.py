@@ -1,4 +1,4 @@
-"""The run of the on-board estimator over a log or a flight, and its answer as JSON and as a table."""
+"""Run the on-board estimator over a log, judge its windows, and give the answer as JSON and as a table."""
 
 import collections
 import dataclasses
@@ -29,7 +29,7 @@ PART = 50_000  # samples between two reports of progress: about a fifth of a sec
 
 
 def run(config: Config, samples: np.ndarray | Iterable[Sample]) -> tuple[list[Estimate], Estimator]:
-    """Replay samples, (n, 7) or one by one; the estimate of every window that closed, and the estimator."""
+    """Replay samples, (n, 7) or one by one; return (the estimate of every window that closed, the estimator)."""
     estimator = Estimator(config)
     if not isinstance(samples, np.ndarray):
         return estimator.replay(samples), estimator
@@ -42,11 +42,11 @@ def run(config: Config, samples: np.ndarray | Iterable[Sample]) -> tuple[list[Es
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """A log that was identified.
+    """The result of identifying a log.
 
-    log        as it was checked;  config  as it was used;  estimator  for its counters and changes
-    estimates  of every window that closed, as the estimator gave them;  judged  the same judged by the log itself
-    is_weak    the numbers of the judged are the weak form's
+    log        as it was checked;  config  as it was used;  estimator  after the run, with its counters and changes
+    estimates  of every window that closed, by the estimator;  judged  these after they were tested against the log
+    is_weak    whether the numbers in `judged` are the weak form's
     """
 
     log: CheckedLog
@@ -58,17 +58,17 @@ class Identified:
 
     @property
     def is_held(self) -> bool:
-        """Whether beta was integrated as held from each of its values to the next."""
+        """Whether beta was integrated as constant from each of its values to the next."""
         return self.config.beta_held
 
 
 def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional: tuple[str, ...] = ()) -> Identified:
-    """Feed a log to the estimator and judge its windows; where a column is of another quantity than its name says, no
-    number of it is believed.
+    """Run the estimator over a log and judge its windows; refuse all of them if a column holds another quantity than
+    its name says (or may, and the formulation is not `filtered`).
 
-    is_weak   the estimator gives the windows and the counts of rows, and the weak form their numbers
-    optional  terms that the weak form has too where they are more than their deviation
-    Of `filtered`, which judges itself, those are refused that a contradiction of the model follows within 20 s.
+    is_weak   take the windows and their counts of rows from the estimator, the numbers from the weak form
+    optional  terms that the weak form adds where their coefficient exceeds its standard deviation
+    Of `filtered`, which judges itself, windows are refused that a contradiction of the model follows within 20 s.
     """
     if seen.rates["beta"].kind == HELD_WORD and config.formulation == "integral":
         config = replace(config, beta_held=True)
@@ -93,10 +93,10 @@ FILTER_WORDS = {"OUTLIER": "measurements left out as outliers", "RESTART": "rest
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
-    """The formulation as asked, or filtered with a nominal that it has a model of, else measured if the log has
-    theta_ddot, else integral (`reproduce`).
+    """Return the formulation: `asked`, else filtered if the filter has a model of the nominal, else measured if the log
+    has theta_ddot, else integral.
 
-    UsageError for what was asked and the input lacks.
+    UsageError if `asked` or `tracked` needs a nominal or a column theta_ddot that is not there.
     """
     default = "measured" if "theta_ddot" in log.columns else "integral"
     formulation = asked or ("filtered" if nominal is not None and not is_stand(nominal) else default)
@@ -111,8 +111,8 @@ def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tra
 
 def is_weak(log: Log, nominal: Nominal | None, formulation: str | None, library: str | None,
             choices: Mapping[str, Any]) -> bool:
-    """Whether the numbers are the weak form's: no formulation and no sparse regression is asked for, no nominal has a
-    model for the filter, and theta_ddot is not measured."""
+    """Whether the weak form gives the numbers: no formulation and no sparse regression is chosen, the filter has no
+    model of the nominal or there is none, and theta_ddot is not measured."""
     sparse = (choices.get("solver", "stls") != "stls" or choices.get("threshold") is not None
               or choices.get("compression", 1) != 1 or str(library).startswith("quadratic"))
     return formulation is None and not sparse and "theta_ddot" not in log.columns and (
@@ -120,7 +120,7 @@ def is_weak(log: Log, nominal: Nominal | None, formulation: str | None, library:
 
 
 def refuse_too_long(log: Log) -> None:
-    """InputError for a log that is too long for one window, at once."""
+    """Raise InputError if a log is too long for one window: more than MAX_ROWS rows and periods."""
     period, t = log.period, log.t[np.isfinite(log.t)]
     if len(t) > MAX_ROWS and np.ptp(t) > MAX_ROWS * period:
         raise InputError(f"{log.path}: too long for one window: at most {MAX_ROWS * period:g} s at this rate; "
@@ -128,12 +128,12 @@ def refuse_too_long(log: Log) -> None:
 
 
 def is_stand(nominal: Nominal) -> bool:
-    """The filtered formulation has no model of it: a plant given by its terms, or a nozzle that nothing drives."""
+    """Whether the filter has no model of the nominal: its plant is given by its terms, or it has no actuator."""
     return bool(nominal.terms) or nominal.actuator is None
 
 
 def stand_library(nominal: Nominal) -> tuple[str, ...]:
-    """The terms of a nominal, as a library."""
+    """Return the names of a nominal's terms, theta and beta first unless their coefficient is 0, as a library."""
     rigid = (("theta", float(nominal.vehicle.a6[0])), ("beta", float(nominal.vehicle.k1[0])))
     return tuple(term for term, value in rigid if value != 0.0 or not nominal.terms) + \
         tuple(term for term, _ in nominal.terms)
@@ -141,10 +141,10 @@ def stand_library(nominal: Nominal) -> tuple[str, ...]:
 
 def log_config(log: Log, nominal: Nominal | None, window: float | str, formulation: str | None, tracked: bool,
                bridged: float = 0.0, **choices: Any) -> Config:
-    """Config for a log; UsageError for what the options ask and the log lacks.
+    """Return the estimator's Config for a log; UsageError for options that do not fit it, InputError for a bad clock.
 
     window   seconds, or `all`: one window of the whole log;  choices   further fields of Config
-    bridged  [s]  over which rows that were not measured are no gap (`log.check.CheckedLog`)
+    bridged  [s]  step up to which rows that were not measured are no gap (`log.check.CheckedLog`)
     """
     formulation = chosen_formulation(log, nominal, formulation, tracked)
     if nominal is not None and formulation != "filtered" and choices.get("library") == "rigid-body":
@@ -173,7 +173,7 @@ def log_config(log: Log, nominal: Nominal | None, window: float | str, formulati
 
 
 def servo_note(log: Log, nominal: Nominal | None, config: Config) -> tuple[str, ...]:
-    """A note of what a log cannot tell of a servo of which [actuator] gives a sigma."""
+    """Return one line, else (), if the nominal leaves the servo uncertain (a sigma) and the log cannot tell more."""
     servo = None if nominal is None else nominal.actuator
     if nominal is None or servo is None or servo.is_known:
         return ()
@@ -192,19 +192,19 @@ def servo_note(log: Log, nominal: Nominal | None, config: Config) -> tuple[str, 
 
 
 def whole_log(rows: int, period: float, t_first: float, t_last: float) -> dict[str, float]:
-    """Config fields `window` and `sample_period` that make one window of a whole log."""
+    """Return the Config fields `window` and `sample_period` [s] of one window for `rows` rows of a whole log."""
     span = max(t_last - t_first, period)
     period = min(period, span / max(rows - 1, 1))
     return {"window": span + period, "sample_period": period}
 
 
 def number(x: float) -> float | None:
-    """A JSON number: null for what is not finite."""
+    """Return a number for JSON: None (null) if it is not finite."""
     return float(x) if math.isfinite(x) else None
 
 
 def window_json(estimate: Estimate) -> dict[str, Any]:
-    """One window in the contract's words."""
+    """Return the estimate of one window as an entry of `windows` in the identify JSON."""
     names = ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr", "a6_dot", "k1_dot", "a6_bound", "k1_bound", "condition")
     active = [(term, estimate.xi[j, 1]) for j, term in enumerate(estimate.terms) if estimate.support[j, 1]]
     return {"t_start": estimate.t_start, "t_end": estimate.t_end, "valid": bool(estimate.valid),
@@ -216,14 +216,14 @@ def window_json(estimate: Estimate) -> dict[str, Any]:
 
 
 def air_json(estimate: Estimate) -> dict[str, Any]:
-    """Wind and offsets at t_end."""
+    """Return wind angle [rad] and sensor offsets at the end of a window, with their deviations, for JSON."""
     return {"wind": number(estimate.wind), "wind_std": number(estimate.wind_std),
             "offsets": {name: {"value": number(offset.value), "std": number(offset.std)}
                         for name, offset in estimate.offsets.items()}}
 
 
 def actuator_json(estimate: Estimate) -> dict[str, Any]:
-    """The servo at t_end, from all data so far, where it is estimated."""
+    """Return the servo's parameters at the end of a window, from all data so far, for JSON; {} if not estimated."""
     if estimate.actuator is None:
         return {}
     return {"actuator": {name: {"value": number(each.value), "std": number(each.std)}
@@ -231,7 +231,7 @@ def actuator_json(estimate: Estimate) -> dict[str, Any]:
 
 
 def tracked_json(estimate: Estimate) -> dict[str, Any]:
-    """The tracked estimate at a window's end."""
+    """Return the tracked estimate at the end of a window, which must have one, for JSON."""
     tracked = estimate.tracked
     assert tracked is not None
     return {"valid": tracked.valid, **{name: number(getattr(tracked, name))
@@ -240,17 +240,17 @@ def tracked_json(estimate: Estimate) -> dict[str, Any]:
 
 
 def change_json(change: Change) -> dict[str, Any]:
-    """One sudden change."""
+    """Return one sudden change of a6 or k1 for JSON."""
     return {"t": change.t, "t_std": change.t_std, "parameter": change.parameter, "before": change.before,
             "after": change.after, "size": change.size, "size_std": change.size_std}
 
 
 def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = False,
            judged: Judged | None = None) -> dict[str, Any]:
-    """The identify JSON: windows (with the tracked estimate and the changes if asked), what became of the samples.
+    """Return the identify JSON: windows, samples, filter events; with `tracked`, tracked estimates and changes.
 
-    judged   of a log that is whole: the estimates, each with its fit, and what they lack; None: of one that goes on, in
-             which a contradiction of the model takes back the windows of the 20 s before it
+    judged   the windows of a whole log as the judge left them; None: of a log that goes on, in which a contradiction of
+             the model by the filter takes back the windows of the 20 s before it
     """
     counts, config = estimator.counts, estimator.config
     said: dict[str, Any] = {}
@@ -290,7 +290,7 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
 
 
 def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
-    """The identify JSON of a whole log."""
+    """Return the identify JSON of a whole log: `report`, with what to do next, and the delay and lag of beta."""
     said = report(result.estimates, result.estimator, tracked, result.judged)
     if "why" in said and (reason := result.log.raw.unusable()):
         said["why"] += f"; {reason}"
@@ -316,7 +316,7 @@ REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",
 
 
 def why(windows: list[dict[str, Any]]) -> str:
-    """One sentence that says why no window is valid."""
+    """Return one sentence that says why no window is valid, from their statuses; windows as in the JSON."""
     if not windows:
         return "no window of this log is valid: none is complete"
     counts = collections.Counter(window["status"] for window in windows)
@@ -326,8 +326,8 @@ def why(windows: list[dict[str, Any]]) -> str:
 
 
 def next_step(windows: list[dict[str, Any]], model: Model) -> str:
-    """The advice where windows contradict the model: declare what it lacks of the air and the sensors, then look for a
-    cause; "" where none does."""
+    """Return advice if windows (JSON) contradict the model, else "": declare wind or sensor offsets that the nominal
+    lacks, then look for the cause."""
     refused = sum(window["status"] == "MODEL" for window in windows)
     if not refused:
         return ""
@@ -340,13 +340,13 @@ def next_step(windows: list[dict[str, Any]], model: Model) -> str:
 
 
 def lack_json(lack: Lack) -> dict[str, Any]:
-    """The lack of an answer in the JSON."""
+    """Return a `Lack`, something that an answer misses, as an entry of `lacks` in the identify JSON."""
     return {"what": lack.what, "before": number(lack.before), "after": number(lack.after),
             "size": None if lack.size is None else number(lack.size)}
 
 
 def lack_words(lack: Lack, library: str) -> str:
-    """One line on the lack of an answer: what, how much, and what to do; library  with all terms that it lacks."""
+    """Return one line on what an answer lacks, how much, and what to do; library: terms for --library, by commas."""
     said = {
         "interpolated": "beta has fewer values than the log has rows, and lines between them: log beta at every row, "
                         "as it acts",
@@ -382,7 +382,7 @@ def lack_words(lack: Lack, library: str) -> str:
 
 
 def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
-    """Lines that say when a term of theta_ddot enters or leaves, from window to window; none while they stay."""
+    """Return a line for each valid window (JSON) where a term of theta_ddot enters or leaves since the one before."""
     lines = []
     valid = [w for w in windows if w["valid"]]
     for before, after in itertools.pairwise(valid):
@@ -395,7 +395,7 @@ def structure_lines(windows: list[dict[str, Any]]) -> list[str]:
 
 
 def share_of(change: dict[str, Any]) -> str:
-    """By how much a sudden change is of the value before, in words."""
+    """Return ", N % more" or less: by how much a sudden change (JSON) alters its parameter; "" if it reverses."""
     before, after = change["before"], change["after"]
     if not before or before * after < 0.0:
         return ""
@@ -403,7 +403,7 @@ def share_of(change: dict[str, Any]) -> str:
 
 
 def table(result: dict[str, Any]) -> str:
-    """The windows as a table for a terminal."""
+    """Return the identify JSON as text for a terminal: a line for each window, changes, servo, advice, counts."""
     tracked = any("tracked" in w for w in result["windows"])
     heads = ["a6 +- std [1/s^2]", "k1 +- std [1/s^2]", *(("tracked a6 +- std", "tracked k1 +- std") if tracked else ())]
     lines = [f"{'t_start':>9} {'t_end':>9} {'status':<15} {' '.join(f'{head:>20}' for head in heads)}  active terms"]
