@@ -10,7 +10,6 @@ import pytest
 from shortened import short
 from test_diagnosis import log_of
 
-from launchid.diagnosis.adapter import follow
 from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.controller.ticks import ticks_of
 from launchid.diagnosis.verdict import diagnose
@@ -45,19 +44,6 @@ def logged(clock, drop="", effect="", begin=0.0):
     return log_at(log, read_at(log, *clock, begin))
 
 
-def flown_commands(of, whole, parts=40):
-    """(grid's ticks,) [rad] the mean of what a flight's controller commanded."""
-    at = (np.arange(len(of.commands) * parts) + 0.5) / parts * of.tick * of.step
-    rows = np.minimum((at / FINE + 1e-6).astype(int), len(whole.t) - 1)
-    return whole.beta_cmd[rows].reshape(-1, parts).mean(axis=1)
-
-
-def over_rows(of, x):
-    """Mean over the grid's ticks of each row."""
-    per_row = of.every // of.tick
-    return x[:len(x) // per_row * per_row].reshape(-1, per_row).mean(axis=1)
-
-
 def recorded(clock, drop="", effect="", begin=0.0):
     log = logged(clock, drop, effect, begin)
     return record(log, NOMINAL, check(log, NOMINAL))
@@ -68,14 +54,6 @@ def test_a_cause_is_named_by_a_clock_that_jitters():
     cause, = made.named
     assert cause.cause == "control_effectiveness"
     assert abs(cause.values["scale"] - 1.3) < max(4.0 * cause.std["scale"], 0.065)
-
-
-@pytest.mark.parametrize("clock", [(0.025, 0.0), (0.02, 0.003)])
-def test_unseen_commands_are_off_by_what_is_said(clock):
-    """The error is the mean over a row."""
-    made = recorded(clock)
-    off = over_rows(made, made.commands - flown_commands(made, flight()))
-    assert np.std(off) < 1.6 * made.between
 
 
 @pytest.mark.parametrize("begin", [0.0, 0.008])
@@ -89,19 +67,6 @@ def test_commands_that_change_tell_the_controllers_ticks(begin):
     assert abs(away - round(away)) < 0.06
 
 
-def test_of_a_slower_log_the_timing_is_as_free_as_the_ticks_are_unknown():
-    r = recorded((0.025, 0.0))
-    assert r.nominal.diagnosis.timing == pytest.approx(np.hypot(NOMINAL.diagnosis.timing, TICK / 12**0.5))
-
-
-def test_commands_of_every_row_are_the_loop_s_own_with_its_stamps():
-    """A loop that jitters logs itself: each command is held from its stamp on."""
-    log = log_of(fly_whole(NOMINAL, 6, period=TICK))
-    t = log.t + np.concatenate([[0.0], np.random.default_rng(1).uniform(-0.1, 0.1, len(log.t) - 1) * TICK])
-    log = dataclasses.replace(log, t=t)
-    assert record(log, NOMINAL, check(log, NOMINAL)).unsure == 0.0
-
-
 @pytest.mark.parametrize(("begin", "between", "drop"), [
     (0.0, False, ""), (0.0, False, "theta_ref"), (0.004, True, ""),
     pytest.param(0.004, True, "theta_ref", marks=pytest.mark.campaign)])
@@ -109,11 +74,3 @@ def test_rows_at_the_loop_s_rate_fall_between_its_ticks_where_their_attitudes_ar
         begin, between, drop):
     r = recorded((TICK, 0.0), drop, begin=begin)
     assert (r.fine > 1) == between
-
-
-@pytest.mark.parametrize("bias", ["", "gyro_bias:rate=0.02"])
-def test_the_predicted_attitude_is_the_measured_one_on_average_whatever_the_gyro(bias):
-    r = recorded((0.025, 0.0), effect=bias)
-    seen = follow(r)
-    off = r.z[:, 0] - np.interp(r.at, r.tick * np.arange(len(seen.attitude)), seen.attitude)
-    assert abs(np.nanmean(off)) < 0.2 * NOMINAL.sensors.theta_std

@@ -31,11 +31,6 @@ def test_the_limit_is_two_and_a_half_controller_periods():
     Config(window=5.0, sample_period=0.2)  # the others do without the commands
 
 
-@pytest.mark.parametrize(("period", "missing"), [(0.005, 0.0), (PERIOD, 0.0), (PERIOD * (1 + 1e-9), 0.0), (0.02, 0.5)])
-def test_the_share_of_missing_commands(period, missing):
-    assert config(period).missing_commands == pytest.approx(missing)
-
-
 @pytest.mark.parametrize("command", [("identify",), ("uncertainty",)])
 def test_a_5_hz_log_is_refused_in_one_line(tmp_path, capsys, command):
     flight = fly_whole(load_nominal("constant"), 1, "flight", 0.2)
