@@ -1,1 +1,1 @@
-"""The equation in its weak form: increments of theta_dot against integrals of the terms, weighted by the noise."""
+"""Fit the equation in its weak form: increments of theta_dot on integrals of the terms, weighted by the noise."""

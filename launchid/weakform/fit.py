@@ -1,9 +1,9 @@
-"""Generalised least squares in the weak form: coefficients, their covariance, and the noise by its likelihood.
+"""Fit the weak form by generalised least squares: coefficients, their covariance, and the noise by its likelihood.
 
-The variance of a mode is s = q + r lambda + a/lambda: an accumulated white disturbance, white noise of the gyro, and a
-disturbance that wanders; of a rate that is made of theta r lambda^2. Their two ratios are those of the largest
-restricted likelihood (Patterson and Thompson 1971), the scale follows. With r = 0 this is least squares on differences
-of theta_dot (`difference`), with q = 0 on theta_dot itself (`integral`).
+The variance of a mode (one sine of the log, see `rows`) is s = q + r lambda + a/lambda: an accumulated white
+disturbance, white noise of the gyro (r lambda^2 for a rate that is made of theta), and a disturbance that wanders. The
+ratios r/q and a/q are those of the largest restricted likelihood (Patterson and Thompson 1971), the scale follows. With
+r = 0 this is least squares on differences of theta_dot (`difference`), with q = 0 on theta_dot itself (`integral`).
 """
 
 import math
@@ -32,11 +32,11 @@ Prior = Sequence[tuple[int, float, float]]
 
 
 class Noise(NamedTuple):
-    """What a regression says of the ratios of the sensor's and of the wandering noise to the accumulated one.
+    """Likelihood of a regression's noise over the ratios of sensor's and of wandering to accumulated noise, 10**SPAN.
 
-    restricted (SPAN, SPAN)  logarithm of the restricted likelihood, less its maximum;  scale (SPAN, SPAN)  the variance
-    of the accumulated noise;  largest (SPAN, SPAN)  logarithm of the largest likelihood over the coefficients, by which
-    columns are compared
+    restricted (SPAN, SPAN)  logarithm of the restricted likelihood, less its maximum;  scale (SPAN, SPAN)  variance of
+    the accumulated noise;  largest (SPAN, SPAN)  logarithm of the likelihood at its best coefficients, by which columns
+    are compared
     """
 
     restricted: np.ndarray
@@ -46,10 +46,10 @@ class Noise(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Coefficients xi (q,) and covariance (q, q) of a regression, and how its residual is spread.
+    """Coefficients xi (q,) and covariance (q, q) of a regression in n modes, and how its residual is spread.
 
-    variance (n,) of each mode;  whitened (n,) residuals over their standard deviations;  leverage (n,) share of each
-    mode in the coefficients, q in sum;  left  modes beyond the coefficients;  is_singular  columns cannot be told apart
+    variance (n,) of each mode;  whitened (n,) residuals over their standard deviations;  leverage (n,) of each mode on
+    xi, q in sum;  left  modes less coefficients;  is_singular  columns cannot be told apart, xi is NaN
     """
 
     xi: np.ndarray
@@ -62,19 +62,19 @@ class Fit:
 
 
 def gls(m: Modes, likelihood: np.ndarray | None = None, prior: Prior = (), own: Noise | None = None) -> Fit:
-    """Return the fit of a regression.
+    """Fit a regression by generalised least squares.
 
-    likelihood (SPAN, SPAN)  of the noise's ratios; None: the regression's own
-    own     the regression's own noise, where it is known
+    likelihood (SPAN, SPAN)  logarithm of that of the noise's ratios; None: the regression's own
+    own     the regression's own `Noise`, if that is computed already
     prior   (column, value, standard deviation) of coefficients that are known from elsewhere
 
-    Where the rest is not as white as the two ratios make it, its own spectrum in bands is the noise.
+    Where the residual is not as white as the two ratios make it, its own spectrum in bands is taken for the noise.
     """
     return gls_of_all([m], None if likelihood is None else [likelihood], None if own is None else [own], prior)[0]
 
 
 def alike(regressions: Sequence[Modes]) -> list[list[int]]:
-    """Return the places of regressions that have the same modes and number of columns, at most BATCH together."""
+    """Return groups of indices of regressions with the same modes and number of columns, at most BATCH in a group."""
     groups = dict[tuple[int, ...], list[int]]()
     for k, m in enumerate(regressions):
         groups.setdefault((id(m.noises), m.phi.shape[1], m.ends.shape[1]), []).append(k)
@@ -83,7 +83,7 @@ def alike(regressions: Sequence[Modes]) -> list[list[int]]:
 
 def gls_of_all(regressions: Sequence[Modes], likelihoods: Sequence[np.ndarray] | None = None,
                owns: Sequence[Noise] | None = None, prior: Prior = ()) -> list[Fit]:
-    """Return the fits of regressions, arguments as of `gls`: of those together that have the same modes."""
+    """Fit many regressions, those with the same modes together; arguments as of `gls`, one for each regression."""
     owns = noise_likelihoods(regressions) if owns is None else owns
     likelihoods = [own.restricted for own in owns] if likelihoods is None else likelihoods
     fits = dict[int, Fit]()
@@ -131,7 +131,7 @@ def gls_of_all(regressions: Sequence[Modes], likelihoods: Sequence[np.ndarray] |
 
 
 def unknown(m: Modes, variance: np.ndarray, nothing: np.ndarray) -> Fit:
-    """Return the fit of a regression whose columns cannot be told apart."""
+    """Return a Fit without coefficients, for columns that cannot be told apart; `nothing` (n,) for its residuals."""
     q = m.phi.shape[1]
     return Fit(np.full(q, math.nan), np.full((q, q), math.nan), variance, nothing, nothing,
                len(m.y) - q - m.ends.shape[1], True)
@@ -139,10 +139,10 @@ def unknown(m: Modes, variance: np.ndarray, nothing: np.ndarray) -> Fit:
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Regressions with the same modes: `Modes` with one more dimension, the modes last; `first` of them for what is the
-    same in all.
+    """Regressions with the same modes: the arrays of `Modes` with the number a of the regression first, the modes last.
 
     y, step (a, n);  phi, doubt (a, q, n);  ends (a, k, n);  sensor, unsure (a, q, q);  motion, ahead (a, q)
+    first  one of the regressions, for what all have in common
     """
 
     y: np.ndarray
@@ -158,7 +158,7 @@ class Stack:
 
     @staticmethod
     def of(regressions: Sequence[Modes]) -> "Stack":
-        """Return regressions with the same modes as one."""
+        """Return the stack of regressions, which must have the same modes."""
         y, step, sensor, unsure, motion, ahead = (np.stack([getattr(m, name) for m in regressions]) for name in (
             "y", "step", "sensor", "unsure", "motion", "ahead"))
         phi, doubt, ends = (np.ascontiguousarray(np.stack([getattr(m, name).T for m in regressions]))
@@ -166,14 +166,14 @@ class Stack:
         return Stack(y, step, phi, doubt, ends, sensor, unsure, motion, ahead, regressions[0])
 
     def part(self, at: list[int]) -> "Stack":
-        """Return some of the regressions."""
+        """Return the stack of the regressions with indices `at`."""
         return self if len(at) == len(self.y) else Stack(
             self.y[at], self.step[at], self.phi[at], self.doubt[at], self.ends[at], self.sensor[at], self.unsure[at],
             self.motion[at], self.ahead[at], self.first)
 
 
 def apart(m: Stack, root: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return columns x (a, q, n) without what the ends of the stretches may be in them, for deviations root (a, n)."""
+    """Return columns x (a, q, n) less their projection on `m.ends`, weighted by standard deviations root (a, n)."""
     if not m.ends.shape[1]:
         return x
     ends = m.ends / root[:, None]
@@ -186,12 +186,12 @@ def apart(m: Stack, root: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def solved(m: Stack, s: np.ndarray, w: np.ndarray, prior: Prior,
            disturbed: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (coefficients (a, q), covariances (a, q, q), (a,) bool: the columns can be told apart) under variances s
-    (a, n), of whitened columns w (a, q, n).
+    """Return (coefficients (a, q), covariances (a, q, q), (a,) bool: the columns can be told apart) from whitened
+    columns w (a, q, n) and variances s (a, n) of the modes.
 
     What the sensors' noise adds to the columns' products is taken off them (errors in variables: bias-compensated least
-    squares), and from those with the slope of theta what its own noise adds; so is, of a rate, what disturbs it during
-    the row itself: `disturbed` modes of their noise are disturbances.
+    squares), and from products with a slope of theta what its noise adds; so is what a disturbance adds to a measured
+    rate within its row: `disturbed` (a,) is the number of modes whose noise is disturbance.
     """
     curl = m.first.curl
     gram, right = np.einsum("akn,aln->akl", w, w), np.einsum("akn,an->ak", w, m.y / np.sqrt(s))
@@ -221,7 +221,7 @@ def solved(m: Stack, s: np.ndarray, w: np.ndarray, prior: Prior,
 
 
 def inverted(a: np.ndarray, is_root: bool = False) -> np.ndarray:
-    """Return the inverses of matrices a (a, q, q), or those of their Cholesky roots; nan where there is none."""
+    """Return the inverses of matrices a (a, q, q), or those of their Cholesky roots; NaN where there is none."""
     try:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(a) if is_root else a))
     except np.linalg.LinAlgError:
@@ -240,13 +240,13 @@ def least(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def rest(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Return what columns phi (n, q) leave of y (n,) by least squares."""
+    """Return the residual (n,) of y (n,) after least squares on columns phi (n, q)."""
     return y - combined(phi, least(phi, y)) if phi.shape[1] else y
 
 
 def quadrature(m: Stack, xi: np.ndarray) -> np.ndarray:
-    """Return the squares (a, n) of what the integrals may be off: a fourth of what Gregory's rule adds to the
-    trapezium, taken over neighbouring modes."""
+    """Return variances (a, n) of the integrals' error for coefficients xi (a, q): the square of a fourth of what
+    Gregory's rule adds to the trapezium, averaged over neighbouring modes."""
     squares, reach = (0.25 * np.einsum("akn,ak->an", m.doubt, xi)) ** 2, 4
     if squares.shape[1] <= 2 * reach + 1:
         return np.repeat(np.mean(squares, axis=1, keepdims=True), squares.shape[1], axis=1)
@@ -255,10 +255,10 @@ def quadrature(m: Stack, xi: np.ndarray) -> np.ndarray:
 
 
 def mixed(m: Stack, likelihood: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the variances (a, n) of the modes, their means over the ratios by their likelihood (a, SPAN, SPAN), and of
-    them what is accumulated.
+    """Return (variances (a, n) of the modes, the accumulated noise in them (a, n)): means over the noise's ratios,
+    weighted by their log-likelihood (a, SPAN, SPAN); scale (a, SPAN, SPAN): variance of the accumulated noise.
 
-    Of an accumulated noise that a window hardly shows the most likely level is zero, and the mean is not.
+    If a window hardly shows the accumulated noise, its most likely level is zero, and the mean is not.
     """
     weight = np.exp(likelihood - np.max(likelihood, axis=(1, 2), keepdims=True))
     weight = weight / np.sum(weight, axis=(1, 2), keepdims=True) * scale
@@ -271,8 +271,8 @@ def mixed(m: Stack, likelihood: np.ndarray, scale: np.ndarray) -> tuple[np.ndarr
 
 @lru_cache(maxsize=32)
 def weights(noises: bytes, curl: bytes) -> tuple[np.ndarray, ...]:
-    """Return what the noise's ratios make of modes whose noises (3, n) and lambda (n,) these are: their order, the
-    first of each bin in it, one over the variance (bins, SPAN^2) of a bin, the sum of its logarithms (SPAN^2,)."""
+    """Return for modes with noises (3, n) and lambda (n,), as bytes: (their order by lambda, where each bin begins in
+    it, one over the variance of a mode in each bin (bins, SPAN^2), sum of logarithms of all variances (SPAN^2,))."""
     shapes, order = np.reshape(np.frombuffer(noises), (3, -1)), np.argsort(np.frombuffer(curl), kind="stable")
     n = len(order)
     edges = np.unique(np.round(np.concatenate([[0.0], np.geomspace(1.0, n, min(BINS, n))])).astype(int))
@@ -284,7 +284,7 @@ def weights(noises: bytes, curl: bytes) -> tuple[np.ndarray, ...]:
 
 
 def noise_likelihoods(regressions: Sequence[Modes]) -> list[Noise]:
-    """Return the likelihood of each regression's noise's ratios, each mode being one of BINS, which share a weight.
+    """Return the `Noise` of each regression; neighbouring modes share a weight, in BINS bins at most.
 
     The columns are eliminated from y one after the other (Cholesky), for all ratios at once.
     """
@@ -325,16 +325,16 @@ def noise_likelihoods(regressions: Sequence[Modes]) -> list[Noise]:
 
 @lru_cache(maxsize=128)
 def edges_of(n: int, bands: int) -> np.ndarray:
-    """Return the first of n modes, by frequency, of each band, and their number."""
+    """Return (k + 1,) int, k <= bands: the first of n modes, sorted by frequency, of each band, and n."""
     count = max(1, min(bands, n // FEWEST_IN_BAND))
     ends = np.round(np.geomspace(FEWEST_IN_BAND, max(n, FEWEST_IN_BAND), count)).astype(int)
     return np.unique(np.concatenate([[0], np.minimum(ends, n)]))
 
 
 def spectrum(fit: Fit, m: Modes, bands: int) -> tuple[np.ndarray, ...]:
-    """Return (frequencies [rad/s], mean squares, modes, shares of the leverage) of the whitened residual in bands.
+    """Return (frequencies [rad/s], mean squares, modes, shares of leverage) (k,) of the whitened residual in bands.
 
-    Mean squares are 1 where the noise is as it was taken.
+    Mean squares are 1 where the noise that was assumed is true.
     """
     edges = edges_of(len(m.y), bands)
     many = np.diff(edges)
@@ -346,7 +346,7 @@ def spectrum(fit: Fit, m: Modes, bands: int) -> tuple[np.ndarray, ...]:
 
 
 def whiteness(squares: np.ndarray, many: np.ndarray) -> float | None:
-    """Return the p-value of mean squares in bands being 1; None of too few bands.
+    """Return the p-value of mean squares (k,) of `many` (k,) modes in k bands being all 1; None of fewer than 3.
 
     2 ln Q of the likelihood ratio of one variance a band against 1 (Bartlett 1937), as chi square.
     """

@@ -1,11 +1,11 @@
-"""The judge of windows that no nominal judges: each assumption of the numbers is tested on this log.
+"""Judge windows that no nominal judges: test each assumption behind their numbers on this log.
 
-Three answers: it holds; it does not hold (`Lack`: what, how much, what to do); it could not be asked (`UNCHECKED`, with
-what would allow it). The question is put once, in pieces of JUDGE_PIECE seconds of the whole log, whatever the windows
-are, and what the log shows holds for each window whose numbers it would move. Asked is, in this order, whether beta is
-known between its own values, whether it acts when it is logged, whether beta of another time explains as much
-(placebo), whether a term that the answer lacks explains what is left, and whether what is left is as white as the
-noise was taken.
+There are three answers: it holds; it does not hold (`Lack`: what, how much, what to do); it cannot be tested
+(`UNCHECKED`, with what would allow it). The tests are made once, in pieces of JUDGE_PIECE seconds of the whole log,
+whatever the windows are, and what they find counts in each window whose numbers it would move. Tested is, in this
+order, whether beta is known between its own values, whether it acts when it is logged, whether beta of another time
+explains as much (placebo), whether a term that the answer lacks explains what is left, and whether that is as white as
+was assumed.
 """
 
 import itertools
@@ -87,14 +87,14 @@ class Lack:
 
     @property
     def shares(self) -> str:
-        """The shares that are explained with it and without it, in words."""
+        """Shares of the changes of theta_dot that are explained with what is lacking and without it, in words."""
         return (f"with it {100.0 * self.after:.3g} % of the changes of theta_dot are explained, without "
                 f"{100.0 * self.before:.3g} %")
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A stretch of the log with one set of coefficients of the answer's terms."""
+    """A stretch of the log, its regression on the terms of the equation, the fit, and the noise's likelihood."""
 
     rows: Rows
     modes: Modes
@@ -107,11 +107,11 @@ class Piece:
         return np.asarray(1.0 / np.sqrt(self.fit.variance))
 
     def shifted(self, terms: tuple[str, ...], leads: list[float]) -> np.ndarray:
-        """Return the columns (n, k, q) of terms with a beta that acts later by each of k leads [s]."""
+        """Return the columns (n, k, q) of terms in n modes, with beta delayed by each of k leads [s]."""
         return with_betas(self.rows, self.modes, terms, [later(self.rows, lead) for lead in leads])
 
     def unexplained(self, terms: tuple[str, ...], leads: list[float]) -> np.ndarray:
-        """Return the weighted squares (k,) that terms leave with a beta that acts later by each of k leads [s]."""
+        """Return the weighted squares (k,) that terms leave with beta delayed by each of k leads [s]."""
         if len(leads) > 1 and len(leads) * len(self.rows.t) > MOST_TOGETHER:
             half = len(leads) // 2
             return np.concatenate([self.unexplained(terms, leads[:half]), self.unexplained(terms, leads[half:])])
@@ -127,7 +127,7 @@ class Piece:
 
 
 def with_betas(rows: Rows, m: Modes, terms: tuple[str, ...], betas: list[np.ndarray]) -> np.ndarray:
-    """Return the columns (n, k, q) of terms, which are those of m, under k other betas (rows,)."""
+    """Return the columns (n, k, q) of terms, those of regression m, with each of k betas (rows,) instead."""
     places = [k for k, term in enumerate(terms) if "beta" in term]
     moving = tuple(terms[k] for k in places)
     values = [np.column_stack([values_of(rows, term, rows.attack, rows.theta_dot, beta) for term in moving])
@@ -141,9 +141,9 @@ def with_betas(rows: Rows, m: Modes, terms: tuple[str, ...], betas: list[np.ndar
 
 @dataclass(frozen=True)
 class Lead:
-    """The time by which beta leads what it causes [s], and its standard deviation.
+    """The time [s] by which beta leads its effect, acting later than it is logged, and its standard deviation.
 
-    grows    [s/s] over the log, where that is sure: two clocks;  middle [s] when it is `value`
+    grows    [s/s] over the log where that is sure, by two clocks, else 0;  middle  [s] when the lead is `value`
     """
 
     value: float
@@ -152,23 +152,23 @@ class Lead:
     middle: float = 0.0
 
     def at(self, rows: Rows) -> float:
-        """Return the lead [s] in the middle of some rows."""
+        """Return the lead [s] in the middle of `rows`."""
         return self.value + self.grows * (0.5 * float(rows.t[0] + rows.t[-1]) - self.middle)
 
     @property
     def json(self) -> dict[str, float | None]:
-        """The delay as the JSON has it."""
+        """The lead as the `delay` of the identify JSON."""
         return {"value": self.value, "std": self.std if math.isfinite(self.std) else None}
 
     @property
     def is_sure(self) -> bool:
-        """Whether beta leads or lags."""
+        """Whether the lead is significant: |value| > SHIFT std."""
         return abs(self.value) > SHIFT * self.std
 
 
 @dataclass(frozen=True)
 class Late:
-    """How beta acts later than it is logged: by a delay, and behind a lag in so many equal parts.
+    """How beta acts later than it is logged: by a delay, and behind a lag made of `order` equal first-order ones.
 
     lag   [s] and its standard deviation; (0, 0): none
     """
@@ -178,25 +178,25 @@ class Late:
     order: int = 1
 
     def acting(self, rows: Rows, lead_by: float = 0.0, lag_by: float = 0.0) -> Rows:
-        """Return rows with beta as it acts, so much [s] later, and behind so much more lag."""
+        """Return the rows with beta as it acts, `lead_by`, `lag_by` [s] later still, less beginnings of stretches."""
         late = acting_later(rows, self.lead.value + lead_by, self.lag[0] + lag_by, self.order)
         return without_beginnings(late, self.lead.value + LAGS_FORGOTTEN * self.lag[0])
 
     def doubts(self, rows: Rows) -> list[np.ndarray]:
-        """Return the betas of `acting` (rows,) one standard deviation later, and behind as much more lag."""
+        """Return betas (rows,) of `acting` with the delay, and with the lag, larger by its standard deviation."""
         lead_by = self.lead.std if math.isfinite(self.lead.std) else 0.0
         return [self.acting(rows, *by).beta for by in ((lead_by, 0.0), (0.0, self.lag[1])) if any(by)]
 
     @property
     def json(self) -> dict[str, object]:
-        """The delay and the lag as the JSON has them."""
+        """The delay and the lag as the `late` of the identify JSON."""
         lag = {"value": self.lag[0], "std": self.lag[1]} if self.lag[0] else None
         return {"delay": self.lead.json, "lag": lag, "order": self.order}
 
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """A log that is asked: its pieces under the answer's terms, the shift of beta, and what is lacking."""
+    """Result of testing whether `terms` describe a log: fitted pieces, lead of beta, lacks, or why unchecked."""
 
     rows: Rows
     terms: tuple[str, ...]
@@ -208,12 +208,12 @@ class Question:
 
     @property
     def is_placebo(self) -> bool:
-        """Whether beta of another time explains as much: it holds for every window."""
+        """Whether beta of another time explains about as much as beta itself; then no window is valid."""
         return any(lack.what == "placebo" for lack in self.lacks)
 
 
 def pieces_of(rows: Rows, terms: tuple[str, ...]) -> list[Piece]:
-    """Return the pieces that have rows enough, with the noise of all of them together."""
+    """Cut rows into pieces and fit those that are long enough, with one noise ratio by the likelihood of all."""
     count = max(1, round((rows.t[-1] - rows.t[0]) / max(JUDGE_PIECE, ROWS_A_PIECE * rows.period)))
     edges = np.linspace(rows.t[0], rows.t[-1] + rows.period, count + 1)
     parts = [rows.part(rows.cut(a, b)) for a, b in itertools.pairwise(edges.tolist())]
@@ -224,7 +224,7 @@ def pieces_of(rows: Rows, terms: tuple[str, ...]) -> list[Piece]:
 
 
 def fitted(made: list[tuple[Rows, Modes]]) -> list[Piece]:
-    """Return the pieces of some rows and their regressions, with the noise of all of them together."""
+    """Return the pieces of (rows, their regression), fitted with the noise's ratios by the likelihood of all."""
     regressions = [m for _, m in made]
     noises = noise_likelihoods(regressions)
     whole = np.sum([noise.restricted for noise in noises], axis=0)
@@ -240,10 +240,9 @@ def likelihood(pieces: list[Rows], terms: tuple[str, ...]) -> float:
 
 def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...] = (), *,
              is_late: bool = False) -> Question:
-    """Put the question to a log for an answer of these terms; of `optional` those that are more than their deviation
-    belong to it too.
+    """Test whether terms describe a log, with those of `optional` whose coefficient exceeds its deviation.
 
-    is_late   when beta acts is fitted to these rows, and no further shift of it is asked for
+    rows      None: nothing can be tested;  is_late   when beta acts was fitted before, and no shift of it is tested
     """
     if rows is None:
         return Question(rows, terms, [], None, [], "theta and beta have no two rows together")  # type: ignore[arg-type]
@@ -278,8 +277,8 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
 
 
 def pooled(pieces: list[Piece]) -> tuple[float, float, float]:
-    """Return (coefficient, standard deviation, share of the column that others explain) of the last term, that has one
-    coefficient in all pieces, beside terms that have one in each."""
+    """Return (coefficient, standard deviation, share of its column that the others explain) of the last term, with one
+    coefficient in all pieces; the others have one in each."""
     told = [piece for piece in pieces if not piece.fit.is_singular]
     below = sum(1.0 / float(piece.fit.covariance[-1, -1]) for piece in told)
     if not below > 0.0:
@@ -293,11 +292,11 @@ def pooled(pieces: list[Piece]) -> tuple[float, float, float]:
 
 def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece],
              is_late: bool) -> tuple[list[Lack], Lead | None]:
-    """Return what the answer lacks, and the shift of beta beside that: of the terms that explain about as much the
-    simplest first, then a shift.
+    """Return (what `terms` lack to describe the log, the lead of beta beside that): of further terms that explain about
+    as much the simplest first, then the lead.
 
-    A term is there by its coefficient over its deviation, with the noise that is left with it: what is missing looks
-    like noise. A shift is a nuisance beside it, taken as none or as that which is best without the term, whichever is
+    A term is lacking by its coefficient over its deviation, with the noise that is left with it: what is missing looks
+    like noise. A shift of beta is a nuisance beside it, taken as none or as the best one without the term, whichever is
     more likely with it. What halves the error of rows left out is a lack whatever the noise is.
     """
     fast = rows.fast         # where theta runs far beside it, a flight path that is missing comes before all else
@@ -349,11 +348,11 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece],
 
 def term_beside(rows: Rows, terms: tuple[str, ...], term: str, shifted: list[list[Rows]], plain: float, left: float,
                 least_gain: float) -> tuple[float, float, float, bool] | None:
-    """Return (gain of likelihood, coefficient, deviation, whether it halves the error of rows left out) of a further
-    term that is there beside others; None where it is not.
+    """Return (gain of twice the log-likelihood, coefficient, deviation, whether it halves the error of rows left out)
+    of a further `term` that the log shows beside `terms`; None if it does not.
 
-    shifted   the pieces' rows, one list a shift of beta;  plain   the logarithm of the likelihood without the term
-    left      share of rows left out that is not predicted without it;  least_gain   twice the logarithm it must add
+    shifted   the pieces' rows, one list a shift of beta;  plain   log-likelihood without the term
+    left      share of rows left out not predicted without it;  least_gain   that the gain must reach
     """
     wider = (*terms, term)
     likelihoods = [likelihood(each, wider) for each in shifted]
@@ -374,19 +373,18 @@ def term_beside(rows: Rows, terms: tuple[str, ...], term: str, shifted: list[lis
 
 
 def beside(pieces: list[Piece], terms: tuple[str, ...]) -> list[Piece]:
-    """Return the pieces under other terms."""
+    """Return the stretches of `pieces` fitted with other terms."""
     return fitted([(piece.rows, term_modes(piece.rows, terms)) for piece in pieces])
 
 
 def moved(rows: Rows, lead: float) -> Rows:
-    """Return rows with a beta that acts later [s]."""
+    """Return the rows with beta delayed by `lead` [s]."""
     return replace(rows, beta=later(rows, lead)) if lead else rows
 
 
 def ahead(rows: Rows, terms: tuple[str, ...]) -> float:
     """Return the share of the variance of theta_dot's increments over INCREMENT that is not predicted in JUDGE_FOLDS
-    parts of
-    the log, each by the coefficients of the others."""
+    parts of the log, each by the coefficients of the others; 1 of too few."""
     begin, _, y, phi = increments(rows, terms, INCREMENT)
     if len(y) < JUDGE_FOLDS * PER_COEFFICIENT * (len(terms) + 1):
         return 1.0
@@ -404,7 +402,7 @@ def ahead(rows: Rows, terms: tuple[str, ...]) -> float:
 
 
 def explained(pieces: list[Piece], terms: tuple[str, ...], lead: float = 0.0) -> float:
-    """Return the share of the changes of theta_dot that terms explain, of those slower than WIDE_FREQUENCY."""
+    """Return the share of theta_dot's changes slower than WIDE_FREQUENCY that terms explain; beta `lead` [s] later."""
     left = whole = 0.0
     for piece in pieces:
         m = piece.modes
@@ -483,17 +481,17 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
 
 
 def slopes_of(terms: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the lines in time in a6 and k1 that terms lack."""
+    """Return the names of the lines in time of a6 and k1, tau*term, that terms lack."""
     return tuple(f"tau*{term}" for term in ("theta", "sin(theta)", "beta")
                  if term in terms and f"tau*{term}" not in terms)
 
 
 def clocked(pieces: list[Piece], at: np.ndarray, lead: Lead, rows: Rows) -> Lead:
-    """Return the lead with its growth, where that of two clocks is sure.
+    """Return the lead, with its growth where that of two clocks is sure.
 
-    at (pieces, shifts)   what each piece leaves at the shifts that were tried
-    A line through the leads that the pieces have by themselves; its deviation is that of their scatter about it, if
-    they scatter by more than theirs: what a model does not explain makes leads that come and go, and no clock.
+    at (pieces, shifts)   weighted squares that each piece leaves at the shifts that were tried
+    The growth is the slope of a line through the leads of single pieces; its deviation is by their scatter about the
+    line, if that is more than their own: what a model does not explain makes leads that come and go, and no clock.
     """
     told = list[tuple[float, float, float]]()
     for piece, left in zip(pieces, at, strict=True):
@@ -551,7 +549,7 @@ def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead 
 
 
 def moved_by(rows: Rows, terms: tuple[str, ...], fit: Fit, lack: Lack, m: Modes) -> np.ndarray:
-    """Return by how much the coefficients (q,) of a window would move with what it lacks."""
+    """Return by how much the coefficients (q,) of a window would move if its terms had what they lack."""
     w, size = 1.0 / np.sqrt(fit.variance), lack.size or 0.0
     phi = m.phi * w[:, None]
     if lack.what == "delay":
@@ -562,10 +560,9 @@ def moved_by(rows: Rows, terms: tuple[str, ...], fit: Fit, lack: Lack, m: Modes)
 
 def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray, fit: Fit, m: Modes,
             lacks: list[Lack]) -> list[Lack]:
-    """Return the lacks for which a window with coefficients xi (q,) +- std (q,) is refused: those with which none can
-    be believed, and those that would move a coefficient by more than its deviation and RELATIVE_TOLERANCE, of itself
-    and of the
-    largest term."""
+    """Return the lacks for which a window with coefficients xi (q,) +- std (q,) is refused: those with which no number
+    is right, and those that would move a coefficient by more than its deviation and RELATIVE_TOLERANCE, of itself and
+    of the largest term."""
     sizes = np.sqrt(np.sum(m.phi**2, axis=0))
     largest = RELATIVE_TOLERANCE * float(np.max(np.abs(xi) * sizes, initial=0.0))
     if any(lack.what == "placebo" for lack in lacks):
@@ -582,13 +579,13 @@ def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray,
 
 
 def is_driving(value: float, std: float, parts: np.ndarray, k: int) -> bool:
-    """Whether a rate damping is of the wrong sign and counts among the parts (q,) of the motion, of which it is one:
-    beta answers the rate, and little else moves."""
+    """Whether a rate damping has the wrong sign and counts among the parts (q,) of the motion, of which it is number k:
+    then beta answers the rate, and little else moves."""
     return value > WRONG * std and bool(parts[k] > DRIVES * np.max(parts))
 
 
 def left_over(fit: Fit, m: Modes) -> tuple[float | None, Lack | None]:
-    """Return (the p-value of the rest being white where the coefficients are from, what it is not)."""
+    """Return (p-value of white residuals where the coefficients are from, None of few modes; a Lack if refuted)."""
     frequency, squares, many, share = spectrum(fit, m, FINE_BANDS)
     asked = share > RELATIVE_TOLERANCE
     squares = np.maximum(squares, 1.0)   # less noise than was taken widens the deviations, and is no contradiction

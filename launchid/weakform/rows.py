@@ -1,4 +1,4 @@
-"""The rows of the weak form, and its regression in the frequencies of each stretch of a log.
+"""Prepare the rows of a log for the weak form, and its regression in the frequencies of each stretch without a gap.
 
 Over a row, theta_dot changes by the integrals of the terms and an accumulated disturbance; a white sensor noise v is
 differenced:
@@ -9,9 +9,9 @@ The covariance of the right side, q h on the diagonal and r (2, -1) on three, ha
 
     sin(pi j k/(n + 1)),     variance  q h + r lambda_j,     lambda_j = 2 - 2 cos(pi j/(n + 1))
 
-as its eigenvectors (DST-I), whatever q and r are: in them every row is independent, and generalised least squares is
-a weight for each. Where theta_dot is not measured, the slope of theta over each row stands for it, and the columns
-are means over the row.
+as its eigenvectors (DST-I), whatever q and r are: in these modes the equations are independent, and generalised least
+squares is a weight for each. Where theta_dot is not measured, the slope of theta over each row stands for it, and the
+columns are means over the row.
 """
 
 import itertools
@@ -51,8 +51,8 @@ code_of = lru_cache(maxsize=256)(parse_term)
 
 
 class Column(NamedTuple):
-    """A term in the modes of some rows: phi (n,), doubt (n,) what its quadrature may be off; its derivatives for theta,
-    theta_dot and beta at the rows."""
+    """A term in the n modes of m rows: phi (n,), doubt (n,) what its quadrature may be off; at the rows its derivatives
+    (m,) by theta, theta_dot and beta."""
 
     phi: np.ndarray
     doubt: np.ndarray
@@ -65,13 +65,13 @@ class Column(NamedTuple):
 class Rows:
     """The usable rows of a log: times that increase, everything finite.
 
-    t [s], theta, gamma [rad] (0 where no flight path is known), theta_dot [rad/s], beta (n,)
+    t [s], theta, gamma [rad] (0 where no flight path is known), theta_dot [rad/s], beta [rad], each (n,)
     has_rate   theta_dot was measured, not made of theta;  has_gamma  a flight path is known
-    bounds     first rows of the stretches without a gap, and the number of rows
-    is_held    beta acts from each of its values to the next
+    bounds     first row of each stretch without a gap, and n at the end
+    is_held    beta is constant from each of its values to the next
     theta_noise, rate_noise, beta_noise  variances of the sensors' white noise, as their rows show it
-    beta_doubt  what that of beta may be off: noise, or motion from row to row
-    fast (n,)  what theta does within FAST_TIME, by the whole log;  (0,) not known yet
+    beta_doubt  what beta_noise may be off: it is noise, or motion from row to row
+    fast (n,)  theta less its mean over FAST_TIME before, by the whole log;  (0,): not computed yet
     """
 
     t: np.ndarray
@@ -92,41 +92,41 @@ class Rows:
 
     @cached_property
     def attack(self) -> np.ndarray:
-        """Angle of attack theta - gamma [rad], which a6 multiplies."""
+        """Angle of attack theta - gamma (n,) [rad], which a6 multiplies."""
         return self.theta - self.gamma
 
     @cached_property
     def stretches(self) -> list[tuple[int, int]]:
-        """First row, and the one behind the last, of each stretch that is long enough for modes."""
+        """(First row, row behind the last) of each stretch without a gap that is long enough for modes."""
         return [(a, b) for a, b in itertools.pairwise(self.bounds.tolist()) if b - a >= MIN_ROWS_A_STRETCH]
 
     @cached_property
     def frame(self) -> "Frame":
-        """The modes of the rows without any terms."""
+        """The regression of the rows in modes, without its terms."""
         return frame_of(self)
 
     @cached_property
     def period(self) -> float:
-        """Median step [s]."""
+        """Median step between the rows [s]."""
         return float(np.median(np.diff(self.t)))
 
     @property
     def stretch(self) -> float:
-        """Length [s] of the stretch without a gap that the median row is in."""
+        """Typical length [s] of a stretch without a gap: half of the rows are in longer ones."""
         rows = np.diff(self.bounds)
         return float(np.median(np.repeat(rows, rows))) * self.period
 
     def cut(self, t_start: float, t_end: float) -> slice:
-        """Return the rows of a window."""
+        """Return the slice of rows with t_start <= t < t_end [s]."""
         first, end = np.searchsorted(self.t, (t_start, t_end)).tolist()
         return slice(first, end)
 
     def within(self, part: "Rows") -> slice:
-        """Return where a part of these rows is."""
+        """Return the slice of these rows that makes `part`, rows cut out of them."""
         return self.cut(part.t[0], math.nextafter(part.t[-1], math.inf))
 
     def part(self, at: slice) -> "Rows":
-        """Return some of the rows."""
+        """Return the rows of a slice, with the stretches inside it."""
         n = len(self.t[at])
         inside = self.bounds[(self.bounds > at.start) & (self.bounds < at.stop)] - at.start
         names = ("t", "theta", "gamma", "theta_dot", "beta", "fast")
@@ -135,9 +135,9 @@ class Rows:
 
 
 def usable(seen: CheckedLog, *, is_steadied: bool = True) -> Rows | None:
-    """Return the rows of a log; None where they make no stretch.
+    """Return the rows of a log that the weak form can use, means over FINE [s] if they are closer; None of too few.
 
-    is_steadied   theta as theta_dot tells what it does fast, with less noise than its sensor's; else as it is measured
+    is_steadied   take fast motion of theta from theta_dot, with less noise than its sensor's; else theta as measured
     One or two missing cells in a row are bridged by lines; a rate that is not measured is the slope of theta.
     """
     log = seen.log
@@ -171,8 +171,8 @@ def usable(seen: CheckedLog, *, is_steadied: bool = True) -> Rows | None:
 
 
 def steadied(rows: Rows) -> np.ndarray:
-    """Return theta (n,) [rad] as the integral of a measured theta_dot about theta's mean, over as many rows as make
-    the noise of both least.
+    """Return theta (n,) [rad] with less noise: the integral of a measured theta_dot, about a running mean of theta over
+    as many rows as make the noise of both least.
 
     What the controller answers to theta's own noise is correlated with it: to a regression on theta it is a motion.
     """
@@ -189,12 +189,12 @@ def steadied(rows: Rows) -> np.ndarray:
 
 
 def nozzle_noise(rows: Rows, others: list[np.ndarray]) -> tuple[float, float]:
-    """Return the variance of the white noise of beta's sensor, and what it may be off [rad^2].
+    """Return (the variance of the white noise of beta's sensor, what it may be off) [rad^2].
 
-    others   columns (n,) that beta may answer: what it has from them within ROUGH_LAGS rows acts, and is no noise
+    others   columns (n,) that beta may answer: what they explain of it within ROUGH_LAGS rows acts, and is no noise
 
-    Of white noise differences of any order show the same variance, of motion those of a higher one less. What may be
-    either, all of it where rows are slower than the nozzle, counts by half.
+    Differences of white noise show the same variance at any order, those of motion less at a higher one. What may be
+    either, which is all of it where rows are slower than the nozzle, counts by half.
     """
     if rows.is_held:
         return 0.0, 0.0
@@ -206,7 +206,7 @@ def nozzle_noise(rows: Rows, others: list[np.ndarray]) -> tuple[float, float]:
 
 
 def roughness(x: np.ndarray, others: list[np.ndarray], order: int) -> float:
-    """Return the variance that white noise has if differences of x (n,) are its, less what those of others explain."""
+    """Return the variance of white noise in x (n,), by what others (n,) leave of its differences of `order`."""
     rest, *around = (np.diff(each, order) for each in (x, *others))
     if len(rest) < 2 * ROUGH_LAGS * (len(around) + 1):
         return 0.0
@@ -218,13 +218,13 @@ def roughness(x: np.ndarray, others: list[np.ndarray], order: int) -> float:
 
 
 def with_noise_levels(rows: Rows) -> Rows:
-    """Return the rows with the noise of their sensors, and the fast part of theta."""
+    """Return the rows with noise variances, and theta's fast part, set from their own theta and theta_dot."""
     return replace(rows, theta_noise=noise_variance(rows.theta), fast=fast_part(rows.t, rows.theta),
                    rate_noise=noise_variance(rows.theta_dot) if rows.has_rate else 0.0)
 
 
 def bridged(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (x interpolated over all gaps, (n,) bool: measured, or in a gap of at most BRIDGED cells)."""
+    """Return (x (n,) interpolated over all gaps, (n,) bool: measured, or in a gap of at most BRIDGED cells)."""
     good = np.isfinite(x)
     if good.all() or not good.any():
         return x, good
@@ -236,7 +236,7 @@ def bridged(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def thinned(rows: Rows) -> Rows:
-    """Return the rows as means over as many of them as make FINE, or leave JUDGED_ROWS.
+    """Return means over as many rows as make FINE [s], or leave JUDGED_ROWS in all; the rows as they are if one.
 
     All that is linear between the columns holds of their means too.
     """
@@ -256,13 +256,13 @@ def thinned(rows: Rows) -> Rows:
 
 
 def path_angle(t: np.ndarray, gamma: np.ndarray) -> np.ndarray:
-    """Return the flight-path angle [rad] at every stamp t (n,) [s]: linear between the measured ones, 0 where none."""
+    """Return the flight-path angle (n,) [rad] at stamps t (n,): linear between finite gamma (n,), 0 if none is."""
     known = np.isfinite(gamma)
     return np.interp(t, t[known], gamma[known]) if known.any() else np.zeros(len(t))
 
 
 def slope(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
-    """Return the difference quotient (n,) of x (n,) over so many rows before and after, what there is at the ends."""
+    """Return the slope (n,) of x (n,) over t (n,), from `rows` rows before to as many after, fewer at the ends."""
     if len(t) < 2:
         return np.zeros(len(t))
     at = np.arange(len(t))
@@ -271,13 +271,13 @@ def slope(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
 
 
 def near_all(t: np.ndarray, period: float) -> np.ndarray:
-    """Return the stamps that are times of this log, as a mask."""
+    """Return (n,) bool: stamps t (n,) [s] that are within FARTHEST_STAMP lengths of the log from their median."""
     return np.abs(t - np.median(t)) <= FARTHEST_STAMP * len(t) * period if len(t) else np.zeros(0, bool)
 
 
 def forward(t: np.ndarray, least: float) -> np.ndarray:
-    """Return the stamps that go forward by more than `least` [s]: later than all before, or earlier than all after,
-    whichever leaves more (one stamp too late spoils the first, one too early the second)."""
+    """Return (n,) bool: stamps t (n,) [s] that go forward by more than `least` [s]: later than all before, or earlier
+    than all after, whichever leaves more (one stamp too late spoils the first, one too early the second)."""
     if len(t) == 0:
         return np.zeros(0, bool)
     later = np.concatenate([[True], t[1:] - np.maximum.accumulate(t)[:-1] > least])
@@ -286,7 +286,7 @@ def forward(t: np.ndarray, least: float) -> np.ndarray:
 
 
 def column(term: str, attack: np.ndarray, theta_dot: np.ndarray, beta: np.ndarray, tau: np.ndarray) -> np.ndarray:
-    """Return a library term (n,) of its variables (n,), `attack` being its theta."""
+    """Return a library term (n,), as `parse_term` reads it, of its variables (n,), `attack` being its theta."""
     *powers, function, argument = code_of(term)
     variables = (attack, theta_dot, beta, tau)
     factors = [x**power for power, x in zip(powers, variables, strict=True) if power]
@@ -296,8 +296,8 @@ def column(term: str, attack: np.ndarray, theta_dot: np.ndarray, beta: np.ndarra
 
 
 def bends(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return what the integrals (n - 1, q) of x (n, q) over each step are less than the trapezium's: by the mean bend
-    of the parabolas through either neighbour (Gregory's rule)."""
+    """Return by how much the integrals (n - 1, q) of x (n, q) over each step of t (n,) are less than the trapezium's:
+    by the mean bend of the parabolas through either neighbour (Gregory's rule)."""
     step = np.diff(t)[:, None]
     bend = np.zeros(x.shape)
     bend[1:-1] = np.diff(np.diff(x, axis=0) / step, axis=0) / (t[2:] - t[:-2])[:, None]
@@ -309,17 +309,17 @@ def bends(t: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """A regression in the sines of each stretch: y = phi xi + noise, one row a mode.
+    """A regression on q terms in n modes, the sines of each stretch: y = phi xi + noise, one row a mode.
 
-    noises (3, n)  shapes of the noise: accumulated, of the sensor, wandering; the same array where they are the same
+    noises (3, n)  variances by unit noise: accumulated, of the sensor, wandering; one array for all with the same modes
     y (n,) of theta_dot;  phi (n, q) of the terms;  doubt (n, q) what the quadrature of each may be off
-    curl (n,)  lambda: of white noise on theta_dot;  step (n,) [s] of the rows that it is of
+    curl (n,)  lambda, the variance by unit white noise on theta_dot;  step (n,) [s] between the mode's rows
     frequency (n,) [rad/s]
-    ends (n, k)  what the noise of theta before the first row and behind the last of each stretch is in them, where
-    theta_dot is made of theta: the rest of that noise is independent then
-    sensor (q, q)  mean products of what white noise of the sensors makes of the terms;  unsure (q, q)  what that may be
-    off;  motion (q,)  of that of theta alone, by which the slope of theta has it too
-    ahead (q,) [s]  by which a term's integral over a row has what disturbs theta_dot in it: half of the row, of a rate
+    ends (n, k)  columns of theta's noise before the first row and behind the last of each stretch, where theta_dot is
+                 made of theta: what is left of the modes' noise beside these is independent
+    sensor (q, q)  mean products that the sensors' white noise adds to those of the terms;  unsure (q, q)  what these
+    may be off;  motion (q,)  those of a term with the slope of theta, by theta's noise
+    ahead (q,) [s]  how much of a disturbance in a row the term's integral over that row has: half of the row, of a rate
     """
 
     y: np.ndarray
@@ -339,7 +339,7 @@ class Modes:
 
 
 class Frame(NamedTuple):
-    """What a regression in modes has before its terms: as in `Modes`."""
+    """The part of a regression in modes that does not depend on its terms; fields as in `Modes`."""
 
     y: np.ndarray
     curl: np.ndarray
@@ -351,14 +351,14 @@ class Frame(NamedTuple):
 
 @lru_cache(maxsize=64)
 def noises_of(n: int, has_rate: bool) -> tuple[np.ndarray, ...]:
-    """Return of n modes of one stretch the angles (n,), lambda (n,), the shapes (3, n) of the noise."""
+    """Return for n modes of a stretch (angles (n,) [rad], lambda (n,), noise variances (3, n) as in `Modes`)."""
     angle = np.pi * np.arange(1, n + 1) / (n + 1)
     curl = 2.0 - 2.0 * np.cos(angle)
     return angle, curl, np.stack([np.ones(n), curl if has_rate else curl**2, 1.0 / curl])
 
 
 def sines(x: np.ndarray) -> np.ndarray:
-    """Return the orthonormal DST-I (n, k) of columns x (n, k)."""
+    """Return the orthonormal sine transform DST-I (n, k) of columns x (n, k)."""
     n = len(x)
     odd = np.zeros((2 * (n + 1), x.shape[1]))
     odd[1:n + 1] = x
@@ -367,21 +367,21 @@ def sines(x: np.ndarray) -> np.ndarray:
 
 
 def before(x: np.ndarray) -> np.ndarray:
-    """Return the values (n,) of the rows before those of x (n,)."""
+    """Return x (n,) shifted by a row: the value before each, the first twice."""
     return np.concatenate([x[:1], x[:-1]])
 
 
 def areas(t: np.ndarray, values: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the integrals (n - 1, q) of terms over the steps of t (n,), and what Gregory's rule adds to the trapezium.
+    """Return (integrals (n - 1, q) of terms over steps of t (n,) [s], what Gregory's rule took off the trapezium).
 
-    values, ends (n, q)  at the rows, as a step begins and as the one before it ends: they differ by a held input
+    values, ends (n, q)  terms as a step begins at each row, and as the one before ends: they differ by a held input
     """
     off = bends(t, values) * np.all(values == ends, axis=0)
     return 0.5 * np.diff(t)[:, None] * (ends[1:] + values[:-1]) - off, off
 
 
 def frame_of(rows: Rows) -> Frame:
-    """Return theta_dot in the modes of each stretch of rows, or of theta's mean slopes where no rate is measured."""
+    """Return the changes of theta_dot, or of theta's slopes where it is not measured, in modes, with their noise."""
     parts, ends, noises = list[tuple[np.ndarray, ...]](), list[np.ndarray](), list[np.ndarray]()
     for a, b in rows.stretches:
         step = np.diff(rows.t[a:b])
@@ -408,8 +408,8 @@ def frame_of(rows: Rows) -> Frame:
 
 
 def in_modes(rows: Rows, values: np.ndarray, ends: np.ndarray, *, with_doubt: bool = True) -> np.ndarray:
-    """Return terms, given by their values and ends (n, q) at the rows (`areas`), in the modes of each stretch, and
-    `with_doubt` behind them what the quadrature of each may be off: (modes, q or 2 q)."""
+    """Return terms in the modes of each stretch, (modes, q), from their values and ends (n, q) at the rows (`areas`);
+    `with_doubt` (modes, 2 q), behind them what the quadrature of each may be off."""
     q = values.shape[1]
     parts = [np.zeros((0, 2 * q if with_doubt else q))]
     for a, b in rows.stretches:
@@ -422,7 +422,7 @@ def in_modes(rows: Rows, values: np.ndarray, ends: np.ndarray, *, with_doubt: bo
 
 
 def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray) -> np.ndarray:
-    """Return a term (n,) of the rows, tau from their middle: of a library, or one that only the judge asks for."""
+    """Return a term (n,) of a library, gamma, beta_ddot or FAST_THETA at the rows with this attack, rate, beta (n,)."""
     if term == FAST_THETA:
         return rows.fast
     if term == "gamma":
@@ -435,7 +435,7 @@ def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta:
 
 
 def behind(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
-    """Return the difference quotient (n,) of x (n,) over so many rows before.
+    """Return the slope (n,) of x (n,) over t (n,) [s], from each row and that `rows` rows before it alone.
 
     Under feedback what comes after a row answers its noise, and must not be in a column beside it.
     """
@@ -444,7 +444,7 @@ def behind(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
 
 
 def fast_part(t: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Return what theta does (n,) within FAST_TIME: it less its mean over that time before, over lines across gaps."""
+    """Return theta (n,) less its mean over FAST_TIME before each time of t (n,) [s], with lines across gaps."""
     whole = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (theta[1:] + theta[:-1]))])
     begin = np.maximum(t - FAST_TIME, t[0])
     area, time = whole - np.interp(begin, t, whole), t - begin
@@ -452,7 +452,7 @@ def fast_part(t: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 
 def term_modes(rows: Rows, terms: tuple[str, ...]) -> Modes:
-    """Return the regression on terms."""
+    """Return the regression of theta_dot on terms in the rows' modes; new terms are added to rows.columns, in place."""
     missing = tuple(dict.fromkeys(term for term in terms if term not in rows.columns))
     if missing:
         values, q = table_of(rows, missing, rows.attack, rows.theta_dot), len(missing)
@@ -471,8 +471,8 @@ def term_modes(rows: Rows, terms: tuple[str, ...]) -> Modes:
 
 
 def derivatives(rows: Rows, term: str, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the derivatives (n,) of a term, whose value (n,) is given, for theta, a theta_dot that is measured, and
-    for beta: difference quotients."""
+    """Return the derivatives (n,) of a term, whose value (n,) is given, by theta, by a measured theta_dot, and by beta:
+    difference quotients, 0 where it does not depend on them."""
     none = np.zeros(len(value))
     if term == FAST_THETA:
         return none + 1.0, none, none
@@ -490,12 +490,12 @@ def derivatives(rows: Rows, term: str, value: np.ndarray) -> tuple[np.ndarray, n
 
 
 def table_of(rows: Rows, terms: tuple[str, ...], attack: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return terms (n, q) of the rows with another theta or theta_dot (n,)."""
+    """Return the values (n, q) of terms at the rows, with `attack` for theta and `rate` for theta_dot, (n,) each."""
     return np.column_stack([values_of(rows, term, attack, rate, rows.beta) for term in terms])
 
 
 def later(rows: Rows, lead: float) -> np.ndarray:
-    """Return beta (n,) as it acts later by a lead [s]: of a held one the mean over each step."""
+    """Return beta (n,) delayed by `lead` [s]; of a held beta the mean over each step."""
     t = rows.t
     if not rows.is_held:
         return np.interp(t - lead, t, rows.beta)
@@ -509,7 +509,7 @@ def later(rows: Rows, lead: float) -> np.ndarray:
 
 
 def lagging(rows: Rows, lag: float) -> np.ndarray:
-    """Return beta (n,) as it acts behind a first-order lag [s]; each stretch begins at rest."""
+    """Return beta (n,) behind a first-order lag [s]; each stretch begins at rest."""
     acting = rows.beta.copy()
     for a, b in itertools.pairwise(rows.bounds.tolist()):
         grid = rows.t[a] + rows.period * np.arange(math.ceil((rows.t[b - 1] - rows.t[a]) / rows.period) + 2)
@@ -526,7 +526,7 @@ def lagging(rows: Rows, lag: float) -> np.ndarray:
 
 
 def without_beginnings(rows: Rows, length: float) -> Rows:
-    """Return rows without those at the beginnings of stretches, of a length [s]: what acts there was not logged."""
+    """Return the rows less the first `length` [s] of each stretch, in which a beta acts that was not logged."""
     known = rows.t >= np.repeat(rows.t[rows.bounds[:-1]], np.diff(rows.bounds)) + length
     kept = np.add.reduceat(known, rows.bounds[:-1])
     arrays = {name: getattr(rows, name)[known] for name in ("t", "theta", "gamma", "theta_dot", "beta", "fast")}
@@ -534,7 +534,7 @@ def without_beginnings(rows: Rows, length: float) -> Rows:
 
 
 def acting_later(rows: Rows, lead: float, lag: float, order: int = 1) -> Rows:
-    """Return rows with a beta that acts later by a lead [s] and behind a lag [s], in `order` equal parts."""
+    """Return the rows with beta delayed by `lead` [s], and behind a lag [s] made of `order` equal first-order ones."""
     acting = rows
     for _ in range(order if lag > 0.0 else 0):
         acting = replace(acting, beta=lagging(acting, lag / order), is_held=False)
@@ -542,7 +542,7 @@ def acting_later(rows: Rows, lead: float, lag: float, order: int = 1) -> Rows:
 
 
 def ends_of(rows: Rows, terms: tuple[str, ...], values: np.ndarray, beta: np.ndarray) -> np.ndarray:
-    """Return the terms (n, q) as the step before each row ends, of their values (n, q) as the next begins."""
+    """Return terms (n, q) as the step before each row ends, given their `values` (n, q) as the next one begins."""
     held = [k for k, term in enumerate(terms) if rows.is_held and "beta" in term]
     ends = values.copy()
     for k in held:
@@ -551,10 +551,10 @@ def ends_of(rows: Rows, terms: tuple[str, ...], values: np.ndarray, beta: np.nda
 
 
 def increments(rows: Rows, terms: tuple[str, ...], length: float) -> tuple[np.ndarray, ...]:
-    """Return times at which increments over a length [s] begin and end, of theta_dot (k,), of the terms (k, q).
+    """Return (begins (k,), ends (k,) of increments over `length` [s], theta_dot's (k,), the terms' integrals (k, q)).
 
-    All are means about these times, over as much as a slope of theta or beta takes: of beta_ddot the integral is the
-    slope of beta.
+    All are means about these times, over as much as a slope of theta or beta takes; beta_ddot's integral is beta's
+    slope.
     """
     span, around = max(1, round(length / rows.period)), max(1, round((BRIEF if rows.has_rate
                                                                       else SLOPE_SPAN) / rows.period))
@@ -580,13 +580,13 @@ def increments(rows: Rows, terms: tuple[str, ...], length: float) -> tuple[np.nd
 
 
 def means_about(t: np.ndarray, x: np.ndarray, around: int) -> np.ndarray:
-    """Return the means (n - 2 around, q) of x (n, q) over so many rows to either side of each, by the trapezium."""
+    """Return means (n - 2 around, q) of x (n, q) over `around` rows of t (n,) to either side, by the trapezium rule."""
     whole = np.vstack([np.zeros((1, x.shape[1])), np.cumsum(0.5 * np.diff(t)[:, None] * (x[1:] + x[:-1]), axis=0)])
     return np.asarray((whole[2 * around:] - whole[:-2 * around]) / (t[2 * around:] - t[:-2 * around])[:, None])
 
 
 def noise_variance(x: np.ndarray) -> float:
-    """Return the variance of white noise on a smooth channel: of third differences it is 20 times as large."""
+    """Return the variance of white noise on a smooth channel x (n,): a 20th of that of its third differences."""
     x = x[np.isfinite(x)]
     d = np.diff(x, 3)
     quantum = np.diff(np.unique(x))

@@ -1,4 +1,4 @@
-"""The windows of a log that no nominal judges: their numbers by the weak form, and the judge's answer to each."""
+"""Estimate by the weak form, and judge, the windows of a log that no nominal judges."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -52,7 +52,7 @@ WEAK_STATUSES = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # w
 
 @dataclass(frozen=True)
 class WindowFit:
-    """Share of the variance of a window's last third that the rest predicts, and its whiteness; None: too short."""
+    """Share of variance of a window's last third that the rest predicts, p-value of white residuals, or None."""
 
     r2: float | None = None
     whiteness: float | None = None
@@ -73,12 +73,12 @@ class Judged:
 
 
 def active_terms(estimate: Estimate) -> tuple[str, ...]:
-    """Return the terms of the theta_ddot equation that the estimate has."""
+    """Return the terms that the estimate has in its equation for theta_ddot."""
     return tuple(term for term, on in zip(estimate.terms, estimate.support[:, 1].tolist(), strict=True) if on)
 
 
 def refused(estimate: Estimate, status: EstimateStatus = EstimateStatus.MODEL) -> Estimate:
-    """Return the window without its numbers."""
+    """Return the estimate as not valid, with this status and NaN for its numbers."""
     nan = math.nan
     xi, support = np.full_like(estimate.xi, nan), np.zeros_like(estimate.support)
     xi.flags.writeable = support.flags.writeable = False
@@ -88,9 +88,8 @@ def refused(estimate: Estimate, status: EstimateStatus = EstimateStatus.MODEL) -
 
 
 def withdrawn(estimates: list[Estimate]) -> list[Estimate]:
-    """Return the filter's estimates without those that a contradiction of the model follows within WITHDRAWN_NATS s:
-    what
-    contradicts it was there before it was told, and the estimator could not know; a log that is whole can."""
+    """Return the filter's estimates, refused where a contradiction of the model follows within WITHDRAWN_NATS s: its
+    cause was there before the filter could tell."""
     contradicted = [e.t_end for e in estimates if e.status == EstimateStatus.MODEL]
     followed = [any(0.0 < t - e.t_end <= WITHDRAWN_NATS for t in contradicted) for e in estimates]
     return [_without_air(refused(e) if e.valid else e) if no else e for e, no in zip(estimates, followed, strict=True)]
@@ -107,12 +106,12 @@ def _without_air(estimate: Estimate) -> Estimate:
 
 
 def disbelieved(estimate: Estimate) -> Estimate:
-    """Return the window without any number: of a log with a column of another quantity than its name says."""
+    """Return the estimate refused and without any number, for a log whose columns are not what their names say."""
     return replace(_without_air(refused(estimate)), uncertainty=None)
 
 
 def held_out(rows: Rows, estimate: Estimate, whiteness: float | None) -> WindowFit:
-    """Return the fit of a window: how well its first two thirds predict its last third."""
+    """Return how well a window's first two thirds predict its last third; `whiteness` is passed on."""
     terms = active_terms(estimate)
     part = rows.part(rows.cut(estimate.t_start, estimate.t_end))
     span = max(1, round(INCREMENT / rows.period))
@@ -131,10 +130,10 @@ def held_out(rows: Rows, estimate: Estimate, whiteness: float | None) -> WindowF
 
 def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], is_weak: bool,
                    optional: tuple[str, ...] = ()) -> Judged:
-    """Judge the windows of a log.
+    """Judge the windows of a log; the numbers of windows that it contradicts are refused.
 
-    is_weak   their numbers are the weak form's: those of the estimates, which give the windows alone, are replaced
-    optional  terms that the answer has too where they are more than their deviation
+    is_weak   replace the numbers of the estimates by those of the weak form; only their windows are used
+    optional  terms that the answer has too where their coefficient exceeds its deviation
     """
     if config.formulation == "filtered":   # it judges itself: of it the fits alone
         rows = usable(seen)
@@ -161,11 +160,11 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
 @lru_cache(maxsize=1)
 def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, ...],
                 is_weak: bool) -> tuple[Rows | None, Question, Late | None, list[np.ndarray]]:
-    """Return the usable rows of a log, what it answers, how beta acts in them later than it is logged, and what that
-    may be off (`Late.doubts`): once, whatever windows are asked for.
+    """Return (usable rows of a log, the tests of its terms, how beta acts later than it is logged, betas (n,) that may
+    act instead (`Late.doubts`)); cached, for one answer holds for all windows of a log.
 
     is_weak   the numbers are fitted to these rows: a beta that acts later than it is logged does so in them, a friction
-              joins terms that nobody chose (`optional`), and the question is put again
+              joins terms that nobody chose (`optional`), and the tests are made again
     """
     logged = rows = usable(seen)
     asked, late, doubts = question(rows, terms, optional), None, list[np.ndarray]()
@@ -191,15 +190,15 @@ def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, .
 
 
 def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:
-    """Return the terms that any valid window has, those of the library where none is; beta with them, whose placebo is
-    asked for, if the library has it."""
+    """Return those of the library's terms that any valid window has, all if no window is valid; and always beta, to
+    test its placebo."""
     seen = {term for e in estimates if e.valid for term in active_terms(e)} or set(config.terms)
     return tuple(term for term in config.terms if term in seen or term == "beta")
 
 
 def _made(rows: Rows, estimates: list[Estimate], asked: Question, doubts: list[np.ndarray],
           is_weak: bool) -> list[tuple[Estimate, WindowFit, list[Lack], Estimate]]:
-    """Return every window's estimate, its fit, what it lacks, and the estimate before it was refused."""
+    """Return for every window (estimate, its fit, what it lacks, the estimate before it was refused)."""
     windows = list[tuple[Rows, tuple[str, ...], Modes | None]]()
     for e in estimates:
         terms = asked.terms if is_weak or not e.valid else active_terms(e)
@@ -214,7 +213,7 @@ def _made(rows: Rows, estimates: list[Estimate], asked: Question, doubts: list[n
 
 def _of_window(rows: Rows, part: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...], asked: Question,
                is_weak: bool) -> tuple[Estimate, WindowFit, list[Lack], Estimate]:
-    """Return a window's estimate, its fit, what it lacks, and the estimate before it was refused."""
+    """Return (a window's estimate, its fit, what it lacks, the estimate before it was refused)."""
     made = of_fit(part, m, fit, e, terms) if is_weak else e
     if asked.unchecked:
         return (refused(made, EstimateStatus.UNCHECKED) if made.valid else made), WindowFit(), [], made
@@ -249,9 +248,9 @@ def _of_window(rows: Rows, part: Rows, m: Modes, fit: Fit, e: Estimate, terms: t
 
 def window_fits(rows: Rows, windows: list[tuple[Rows, tuple[str, ...], Modes | None]],
                 asked: Question, doubts: list[np.ndarray], is_weak: bool) -> list[Fit | None]:
-    """Return the fits of windows, None for too few rows: the noise's ratios by their own likelihood and some
-    of the log's, optional terms as the whole log tells them, deviations with what a6 and k1 drift, what betas of
-    `doubts` change, and in the weak form's numbers what scatters."""
+    """Return the fits of windows (rows, terms, regression), None of too few rows: with noise ratios by their own
+    likelihood and POOLED of the log's, optional terms as the whole log tells them, and covariances widened by drifts of
+    a6 and k1, by other betas (`doubts`), and in the weak form by scatter."""
     fits: list[Fit | None] = [None] * len(windows)
     grid = len(SPAN), len(SPAN)
     pooled = POOLED * np.sum([np.zeros(grid), *(piece.noise.restricted for piece in asked.pieces)], axis=0)
@@ -288,7 +287,7 @@ def window_fits(rows: Rows, windows: list[tuple[Rows, tuple[str, ...], Modes | N
 
 
 def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) -> Estimate:
-    """Return a window's estimate of the weak form."""
+    """Return a window's estimate with the weak form's numbers; refused if these are vague or cannot be told apart."""
     blank = replace(refused(e), terms=terms, xi=np.full((len(terms), 3), math.nan),
                     support=np.zeros((len(terms), 3), bool))
     if fit.is_singular:
@@ -324,7 +323,7 @@ def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) 
 
 
 def changes_of(asked: Question) -> tuple[dict[str, float], dict[str, float]]:
-    """Return how fast [1/s] the coefficients of a6 and k1 change in the log, and the variances by which they scatter.
+    """Return by term (how fast [its unit/s] a6 and k1 change in the log, the variances by which they scatter).
 
     The spread of the pieces' own beyond their deviations (DerSimonian and Laird 1986) is a change, as of one that goes
     up and down once. Where neighbours are as unlike as others (von Neumann 1941) it is scatter too, which no vehicle
@@ -352,10 +351,10 @@ def changes_of(asked: Question) -> tuple[dict[str, float], dict[str, float]]:
 
 
 def drift(bent: Fit, fit: Fit, terms: tuple[str, ...], rate: dict[str, float]) -> np.ndarray:
-    """Return the covariance (q, q) that lines in time in a6 and k1 make of the coefficients: lines as steep as the log
-    shows them to be, and what they move by in this window beyond chance (Hausman 1978).
+    """Return the covariance (q, q) that drifts of a6 and k1 add to a window's coefficients: drifts at the log's `rate`
+    [1/s], and what lines in time move them by in this window beyond chance (Hausman 1978).
 
-    bent   the fit of the window with those two lines
+    bent   the fit of the window with lines in time of a6 and k1
     """
     q = len(terms)
     pair = [terms.index(slope.removeprefix("tau*")) for slope in slopes_of(terms)]
