@@ -120,7 +120,7 @@ def is_weak(log: Log, nominal: Nominal | None, formulation: str | None, library:
 
 
 def refuse_too_long(log: Log) -> None:
-    """Raise InputError if a log is too long for one window: more than MAX_ROWS rows and periods."""
+    """Raise InputError if a log is too long for one window: more than MAX_ROWS rows, over more than as many periods."""
     period, t = log.period, log.t[np.isfinite(log.t)]
     if len(t) > MAX_ROWS and np.ptp(t) > MAX_ROWS * period:
         raise InputError(f"{log.path}: too long for one window: at most {MAX_ROWS * period:g} s at this rate; "

@@ -70,7 +70,7 @@ class Log(Result):
         return {name: getattr(self, name) for name in self.columns}
 
     def in_range(self, name: str) -> np.ndarray:
-        """Return (n,) bool: where this column is a number that the estimator does not reject as out of range."""
+        """Return (n,) bool: where column `name` is a number that the estimator does not reject as out of range."""
         from launchid_core import Config
         return np.abs(getattr(self, name)) <= getattr(Config, f"{name}_limit")
 

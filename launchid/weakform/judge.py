@@ -168,9 +168,9 @@ class Lead:
 
 @dataclass(frozen=True)
 class Late:
-    """How beta acts later than it is logged: by a delay, and behind a lag made of `order` equal first-order ones.
+    """How beta acts later than it is logged: after a delay, and filtered by `order` equal first-order lags.
 
-    lag   [s] and its standard deviation; (0, 0): none
+    lag   sum of their time constants [s], and its standard deviation; (0, 0): none
     """
 
     lead: Lead
@@ -295,9 +295,9 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece],
     """Return (what `terms` lack to describe the log, the lead of beta beside that): of further terms that explain about
     as much the simplest first, then the lead.
 
-    A term is lacking by its coefficient over its deviation, with the noise that is left with it: what is missing looks
-    like noise. A shift of beta is a nuisance beside it, taken as none or as the best one without the term, whichever is
-    more likely with it. What halves the error of rows left out is a lack whatever the noise is.
+    A term is lacking if its coefficient is significant with the noise fitted beside it: without it, its effect looks
+    like noise. A shift of beta is a nuisance there, none or the best one without the term, whichever is more likely
+    with it. A term that halves the error of held-out rows is lacking whatever the noise is.
     """
     fast = rows.fast         # where theta runs far beside it, a flight path that is missing comes before all else
     path = FAST_THETA if np.var(rows.theta) > RUNS**2 * np.var(fast) else ""
@@ -348,11 +348,11 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece],
 
 def term_beside(rows: Rows, terms: tuple[str, ...], term: str, shifted: list[list[Rows]], plain: float, left: float,
                 least_gain: float) -> tuple[float, float, float, bool] | None:
-    """Return (gain of twice the log-likelihood, coefficient, deviation, whether it halves the error of rows left out)
+    """Return (gain of twice the log-likelihood, coefficient, deviation, whether it halves the error of held-out rows)
     of a further `term` that the log shows beside `terms`; None if it does not.
 
     shifted   the pieces' rows, one list a shift of beta;  plain   log-likelihood without the term
-    left      share of rows left out not predicted without it;  least_gain   that the gain must reach
+    left      share of held-out rows not predicted without it;  least_gain   that the gain must reach
     """
     wider = (*terms, term)
     likelihoods = [likelihood(each, wider) for each in shifted]
@@ -373,7 +373,7 @@ def term_beside(rows: Rows, terms: tuple[str, ...], term: str, shifted: list[lis
 
 
 def beside(pieces: list[Piece], terms: tuple[str, ...]) -> list[Piece]:
-    """Return the stretches of `pieces` fitted with other terms."""
+    """Fit other terms to the stretches of `pieces`, and return them as new pieces."""
     return fitted([(piece.rows, term_modes(piece.rows, terms)) for piece in pieces])
 
 
@@ -481,7 +481,7 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
 
 
 def slopes_of(terms: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the lines in time of a6 and k1, tau*term, that terms lack."""
+    """Return the names tau*term of the linear drifts in time of a6 and k1 that `terms` do not have."""
     return tuple(f"tau*{term}" for term in ("theta", "sin(theta)", "beta")
                  if term in terms and f"tau*{term}" not in terms)
 
@@ -560,9 +560,9 @@ def moved_by(rows: Rows, terms: tuple[str, ...], fit: Fit, lack: Lack, m: Modes)
 
 def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray, fit: Fit, m: Modes,
             lacks: list[Lack]) -> list[Lack]:
-    """Return the lacks for which a window with coefficients xi (q,) +- std (q,) is refused: those with which no number
-    is right, and those that would move a coefficient by more than its deviation and RELATIVE_TOLERANCE, of itself and
-    of the largest term."""
+    """Return those of `lacks` for which a window with coefficients xi (q,) +- std (q,) is refused: with a placebo all,
+    a clock, what halves the error of held-out rows, and what would move a coefficient by more than its std and more
+    than RELATIVE_TOLERANCE of itself and of the largest term."""
     sizes = np.sqrt(np.sum(m.phi**2, axis=0))
     largest = RELATIVE_TOLERANCE * float(np.max(np.abs(xi) * sizes, initial=0.0))
     if any(lack.what == "placebo" for lack in lacks):
@@ -585,7 +585,7 @@ def is_driving(value: float, std: float, parts: np.ndarray, k: int) -> bool:
 
 
 def left_over(fit: Fit, m: Modes) -> tuple[float | None, Lack | None]:
-    """Return (p-value of white residuals where the coefficients are from, None of few modes; a Lack if refuted)."""
+    """Return (p-value of white residuals in the bands that coefficients rest on, None of few; a Lack if not white)."""
     frequency, squares, many, share = spectrum(fit, m, FINE_BANDS)
     asked = share > RELATIVE_TOLERANCE
     squares = np.maximum(squares, 1.0)   # less noise than was taken widens the deviations, and is no contradiction

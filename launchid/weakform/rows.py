@@ -51,8 +51,8 @@ code_of = lru_cache(maxsize=256)(parse_term)
 
 
 class Column(NamedTuple):
-    """A term in the n modes of m rows: phi (n,), doubt (n,) what its quadrature may be off; at the rows its derivatives
-    (m,) by theta, theta_dot and beta."""
+    """One term of the equation, transformed to n modes (sines): phi (n,), doubt (n,) error of its quadrature; and at
+    the m rows its derivatives (m,) by theta, theta_dot and beta."""
 
     phi: np.ndarray
     doubt: np.ndarray
@@ -509,7 +509,7 @@ def later(rows: Rows, lead: float) -> np.ndarray:
 
 
 def lagging(rows: Rows, lag: float) -> np.ndarray:
-    """Return beta (n,) behind a first-order lag [s]; each stretch begins at rest."""
+    """Return beta (n,) filtered by a first-order lag of time constant `lag` [s]; each stretch begins at rest."""
     acting = rows.beta.copy()
     for a, b in itertools.pairwise(rows.bounds.tolist()):
         grid = rows.t[a] + rows.period * np.arange(math.ceil((rows.t[b - 1] - rows.t[a]) / rows.period) + 2)
@@ -534,7 +534,7 @@ def without_beginnings(rows: Rows, length: float) -> Rows:
 
 
 def acting_later(rows: Rows, lead: float, lag: float, order: int = 1) -> Rows:
-    """Return the rows with beta delayed by `lead` [s], and behind a lag [s] made of `order` equal first-order ones."""
+    """Return the rows with beta delayed by `lead` [s] and behind `order` equal first-order lags, `lag` [s] in all."""
     acting = rows
     for _ in range(order if lag > 0.0 else 0):
         acting = replace(acting, beta=lagging(acting, lag / order), is_held=False)
