@@ -49,7 +49,7 @@ class DataCheck:
 
     @property
     def is_bad(self) -> bool:
-        """Whether there is any fault."""
+        """Whether the check found any fault."""
         return len(self.faults) > 0
 
 

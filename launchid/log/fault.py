@@ -1,4 +1,4 @@
-"""`Fault`: what is wrong with a log, as a type and in words."""
+"""Define `Fault`, the record of one sort of bad data in a log."""
 
 from dataclasses import dataclass
 

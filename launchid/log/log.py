@@ -44,7 +44,7 @@ MOVING_COLUMNS = ("theta", "theta_dot", "beta")  # where anything moves
 
 @dataclass(frozen=True, eq=False)
 class Log(Result):
-    """Flight log as columns (n,) [s, rad, rad/s, rad/s^2], NaN where not measured or where the file lacks a column."""
+    """Flight log as columns (n,) [s, rad, rad/s, rad/s^2], NaN where not measured; columns, ignored: names."""
 
     path: str
     columns: tuple[str, ...]   # the known ones that the file has

@@ -1,4 +1,4 @@
-"""Find runs of rows."""
+"""Find runs of True in a flag that each row has."""
 
 import numpy as np
 

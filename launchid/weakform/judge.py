@@ -224,7 +224,7 @@ def pieces_of(rows: Rows, terms: tuple[str, ...]) -> list[Piece]:
 
 
 def fitted(made: list[tuple[Rows, Modes]]) -> list[Piece]:
-    """Return the pieces of (rows, their regression), fitted with the noise's ratios by the likelihood of all."""
+    """Fit (rows, their regression) pairs with noise ratios by the likelihood of all; return them as pieces."""
     regressions = [m for _, m in made]
     noises = noise_likelihoods(regressions)
     whole = np.sum([noise.restricted for noise in noises], axis=0)
@@ -233,7 +233,7 @@ def fitted(made: list[tuple[Rows, Modes]]) -> list[Piece]:
 
 
 def likelihood(pieces: list[Rows], terms: tuple[str, ...]) -> float:
-    """Return the logarithm of the likelihood of terms in pieces, with the noise that is most likely with them."""
+    """Return the largest log-likelihood of terms in pieces, each with its coefficients, all with one noise."""
     noises = noise_likelihoods([term_modes(rows, terms) for rows in pieces])
     return float(np.max(np.sum([noise.largest for noise in noises], axis=0)))
 

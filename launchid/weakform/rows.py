@@ -70,7 +70,7 @@ class Rows:
     bounds     first row of each stretch without a gap, and n at the end
     is_held    beta is constant from each of its values to the next
     theta_noise, rate_noise, beta_noise  variances of the sensors' white noise, as their rows show it
-    beta_doubt  what beta_noise may be off: it is noise, or motion from row to row
+    beta_doubt  uncertainty of beta_noise: it is noise, or motion from row to row
     fast (n,)  theta less its mean over FAST_TIME before, by the whole log;  (0,): not computed yet
     """
 
@@ -189,7 +189,7 @@ def steadied(rows: Rows) -> np.ndarray:
 
 
 def nozzle_noise(rows: Rows, others: list[np.ndarray]) -> tuple[float, float]:
-    """Return (the variance of the white noise of beta's sensor, what it may be off) [rad^2].
+    """Return (the variance of the white noise of beta's sensor, its uncertainty) [rad^2].
 
     others   columns (n,) that beta may answer: what they explain of it within ROUGH_LAGS rows acts, and is no noise
 
@@ -206,7 +206,7 @@ def nozzle_noise(rows: Rows, others: list[np.ndarray]) -> tuple[float, float]:
 
 
 def roughness(x: np.ndarray, others: list[np.ndarray], order: int) -> float:
-    """Return the variance of white noise in x (n,), by what others (n,) leave of its differences of `order`."""
+    """Return the variance of white noise in x (n,) by its differences of `order`, less what others (n,) explain."""
     rest, *around = (np.diff(each, order) for each in (x, *others))
     if len(rest) < 2 * ROUGH_LAGS * (len(around) + 1):
         return 0.0
@@ -312,13 +312,13 @@ class Modes:
     """A regression on q terms in n modes, the sines of each stretch: y = phi xi + noise, one row a mode.
 
     noises (3, n)  variances by unit noise: accumulated, of the sensor, wandering; one array for all with the same modes
-    y (n,) of theta_dot;  phi (n, q) of the terms;  doubt (n, q) what the quadrature of each may be off
+    y (n,) of theta_dot;  phi (n, q) of the terms;  doubt (n, q) the error of their quadrature
     curl (n,)  lambda, the variance by unit white noise on theta_dot;  step (n,) [s] between the mode's rows
     frequency (n,) [rad/s]
     ends (n, k)  columns of theta's noise before the first row and behind the last of each stretch, where theta_dot is
                  made of theta: what is left of the modes' noise beside these is independent
-    sensor (q, q)  mean products that the sensors' white noise adds to those of the terms;  unsure (q, q)  what these
-    may be off;  motion (q,)  those of a term with the slope of theta, by theta's noise
+    sensor (q, q)  mean products that the sensors' white noise adds to those of the terms;  unsure (q, q)  their
+    uncertainty;  motion (q,)  those of a term with the slope of theta, by theta's noise
     ahead (q,) [s]  how much of a disturbance in a row the term's integral over that row has: half of the row, of a rate
     """
 
@@ -372,7 +372,7 @@ def before(x: np.ndarray) -> np.ndarray:
 
 
 def areas(t: np.ndarray, values: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (integrals (n - 1, q) of terms over steps of t (n,) [s], what Gregory's rule took off the trapezium).
+    """Return (integrals (n - 1, q) of terms over steps of t (n,) [s], what Gregory's rule takes off the trapezium's).
 
     values, ends (n, q)  terms as a step begins at each row, and as the one before ends: they differ by a held input
     """
@@ -409,7 +409,7 @@ def frame_of(rows: Rows) -> Frame:
 
 def in_modes(rows: Rows, values: np.ndarray, ends: np.ndarray, *, with_doubt: bool = True) -> np.ndarray:
     """Return terms in the modes of each stretch, (modes, q), from their values and ends (n, q) at the rows (`areas`);
-    `with_doubt` (modes, 2 q), behind them what the quadrature of each may be off."""
+    `with_doubt` (modes, 2 q), behind them the errors of their quadrature."""
     q = values.shape[1]
     parts = [np.zeros((0, 2 * q if with_doubt else q))]
     for a, b in rows.stretches:
@@ -526,7 +526,7 @@ def lagging(rows: Rows, lag: float) -> np.ndarray:
 
 
 def without_beginnings(rows: Rows, length: float) -> Rows:
-    """Return the rows less the first `length` [s] of each stretch, in which a beta acts that was not logged."""
+    """Return the rows less the first `length` [s] of each stretch, where beta of before, not logged, still acts."""
     known = rows.t >= np.repeat(rows.t[rows.bounds[:-1]], np.diff(rows.bounds)) + length
     kept = np.add.reduceat(known, rows.bounds[:-1])
     arrays = {name: getattr(rows, name)[known] for name in ("t", "theta", "gamma", "theta_dot", "beta", "fast")}

@@ -130,7 +130,7 @@ def held_out(rows: Rows, estimate: Estimate, whiteness: float | None) -> WindowF
 
 def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], is_weak: bool,
                    optional: tuple[str, ...] = ()) -> Judged:
-    """Judge the windows of a log; the numbers of windows that it contradicts are refused.
+    """Test the numbers of each window on the whole log, and refuse those that it contradicts.
 
     is_weak   replace the numbers of the estimates by those of the weak form; only their windows are used
     optional  terms that the answer has too where their coefficient exceeds its deviation
