@@ -23,7 +23,7 @@ from ..onboard import MODELLED, onboard_model
 from ..shown import servo_lines, slow_hint, with_std
 from ..weakform.judge import LIBRARY, Lack
 from ..weakform.rows import FAST_THETA, near_all
-from ..weakform.windows import Judged, disbelieved, judged_windows, withdrawn
+from ..weakform.windows import AT_REST, Judged, disbelieved, judged_windows, withdrawn
 
 PART = 50_000  # samples between two reports of progress: about a fifth of a second
 
@@ -268,8 +268,7 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
             said["unchecked"] = judged.unchecked
         if judged.lacks:
             missing = [lack.what for lack in judged.lacks if lack.what in LIBRARY]
-            terms = judged.fitted[0].terms if judged.fitted else config.terms   # those that joined by themselves, too
-            library = ",".join((*terms, *missing))
+            library = ",".join((*(judged.terms or config.terms), *missing))   # those that joined by themselves, too
             said["next"] = "; ".join(lack_words(lack, library) for lack in judged.lacks)
     if tracked:
         for window, estimate in zip(windows, estimates, strict=True):
@@ -359,6 +358,8 @@ def lack_words(lack: Lack, library: str) -> str:
         "gamma": "gamma does not act as theta does with the other sign: it is in another unit, or of the other sign"}
     if lack.what in said:
         return said[lack.what]
+    if lack.what == AT_REST:
+        return f"beta never moves: k1 cannot be determined; for the rest identify with --library {library}"
     assert lack.size is not None
     if lack.what == "driving":
         return (f"the rate damping comes out {lack.size:.3g} +- {lack.std:.2g} 1/s, of the wrong sign: beta is "

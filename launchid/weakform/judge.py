@@ -72,7 +72,8 @@ LACKING = ("1", "theta_dot", "gamma", FAST_THETA, "sin(theta)", "sign(theta_dot)
 class Lack:
     """Something that an answer lacks, or for which no answer can be believed.
 
-    what     a term; `delay`, `clock`, `placebo`, `driving`, `interpolated`, `unexplained`, `coefficients`
+    what     a term; `delay`, `clock`, `placebo`, `driving`, `interpolated`, `beta at rest`, `unexplained`,
+             `coefficients`
     before, after   share of the weighted squares that is explained without and with it
     size     coefficient of the term [its units], delay [s], frequency [rad/s]; None for the others
     std      its standard deviation;  is_most  with it half of the error of rows left out is gone

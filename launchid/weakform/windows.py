@@ -45,7 +45,7 @@ LEAST_HELD_OUT = 5   # increments without overlap in it: below, its share of the
 AGREEMENT_SIGMAS = 2.0  # standard deviations of the weak form, within which another formulation agrees with it
 CONTRADICTING_RATIO = 3.0  # times as large a deviation of the weak form contradicts that of another formulation
 MOST_NUISANCES = 3   # that are fitted one after the other: a friction, a delay of beta, what is left of it
-FRICTION = "sign(theta_dot)"
+FRICTION, AT_REST = "sign(theta_dot)", "beta at rest"
 WITHDRAWN_NATS = 20.0  # s before a contradiction: as long as the estimator takes to forget one
 WEAK_STATUSES = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # what something missing may look like
 
@@ -61,7 +61,7 @@ class WindowFit:
 @dataclass(frozen=True, eq=False)
 class Judged:
     """The estimates with those refused that the log contradicts, the fit of each, what they were refused for, when beta
-    acts, what could not be asked, and the weak form's estimates before any was refused."""
+    acts, what could not be asked, the weak form's estimates before any was refused, and the terms that were asked for."""
 
     estimates: list[Estimate]
     fits: list[WindowFit]
@@ -70,6 +70,7 @@ class Judged:
     late: Late | None = None
     unchecked: str = ""
     fitted: list[Estimate] = field(default_factory=list)
+    terms: tuple[str, ...] = ()
 
 
 def active_terms(estimate: Estimate) -> tuple[str, ...]:
@@ -153,8 +154,14 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
     untested = sum(e.status == EstimateStatus.UNCHECKED for e, *_ in made)
     reason = asked.unchecked or (f"{untested} windows have too few rows to test {len(asked.terms)} coefficients: "
                                  "longer windows, or fewer gaps, allow it" if untested else "")
+    terms, moving = asked.terms if is_weak else config.terms, tuple(x for x in config.terms if "beta" not in x)
+    if is_weak and not np.ptp(rows.beta) and {"theta", "sin(theta)"} & set(moving) and moving != config.terms:
+        rest = question(rows, tuple(dict.fromkeys((*moving, *optional))))
+        if rest.pieces:
+            terms, reason = rest.terms, ""
+            lacks = {lack.what: lack for lack in (Lack(AT_REST), *rest.lacks)}
     return Judged([e for e, *_ in made], [fit for _, fit, *_ in made], list(lacks.values()), asked.lead, late, reason,
-                  [fitted for *_, fitted in made])
+                  [fitted for *_, fitted in made], terms)
 
 
 @lru_cache(maxsize=1)

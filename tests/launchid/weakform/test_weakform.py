@@ -274,6 +274,21 @@ def test_two_clocks_are_no_late_beta():
     assert "late" not in made.report and not any(each["valid"] for each in made.report["windows"][6:])
 
 
+def test_of_a_free_swing_the_rest_is_identified_as_advised():
+    """theta_ddot = -4 theta - 0.3 theta_dot + 0.2 with a beta that never moves; of a log at rest nothing is advised."""
+    rng, t = np.random.default_rng(0), np.arange(2000) * H
+    swing = 0.3 * np.exp((-0.15 + 1j * math.sqrt(3.9775)) * t)
+    log = {"t": t, "theta": swing.real + 0.05, "beta": np.full(2000, 0.02),
+           "theta_dot": (swing * (-0.15 + 1j * math.sqrt(3.9775))).real + 1e-3 * rng.normal(size=2000)}
+    made = launchid.identify(log, window="all").report
+    assert [lack["what"] for lack in made["lacks"]] == ["beta at rest"] and not made["windows"][0]["valid"]
+    (window,) = launchid.identify(log, window="all", library=made["next"].split()[-1]).report["windows"]
+    for term, truth in {"theta": -4.0, "theta_dot": -0.3, "1": 0.2}.items():
+        assert abs(window["terms"][term] - truth) < 4.0 * window["terms_std"][term] < 0.02
+    at_rest = launchid.identify(log | {"theta": 0.0 * t, "theta_dot": 1e-3 * rng.normal(size=2000)}).report
+    assert "unchecked" in at_rest and "next" not in at_rest
+
+
 def test_a_controller_that_answers_noise_at_once_does_not_say_when_beta_acts():
     """Behind a friction nothing moves in two thirds of the log: there beta follows the noise of theta, and with
     coefficients of their own 40 ms and a lag were found."""
