@@ -50,6 +50,7 @@ MOST_DELAY = 0.3     # s either way
 DELAY_STEP = 0.0125  # s of the first search
 MOST_TOGETHER = 100_000  # rows of shifted betas that are computed at once: some 20 MB
 LAGS = (0.0, 0.01, 0.02, 0.035, 0.055, 0.08, 0.12, 0.18, 0.27, 0.4)  # s of a servo or motor, that are tried
+LEAST_DELAY = -0.025  # s behind a lag: beta acts no sooner, and the best may lie at none
 FEWEST_CLOCK = 6     # pieces that say when beta acts, for a clock that runs slow
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
 SAME_INPUT = 0.9     # |correlation| of a shifted beta with itself: an input that repeats is no placebo
@@ -417,12 +418,12 @@ def explained(pieces: list[Piece], terms: tuple[str, ...], lead: float = 0.0) ->
 # ---- the input
 
 
-def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows) -> Lead | None:
+def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, least: float = -MOST_DELAY) -> Lead | None:
     """Return the time by which beta leads what it causes: the shift at which the terms leave least; None where beta is
     in no term, or the best shift is at the end of the search."""
     if not any("beta" in term for term in terms):
         return None
-    grid = DELAY_STEP * np.arange(-round(MOST_DELAY / DELAY_STEP), round(MOST_DELAY / DELAY_STEP) + 1)
+    grid = DELAY_STEP * np.arange(round(least / DELAY_STEP), round(MOST_DELAY / DELAY_STEP) + 1)
     at = np.array([piece.unexplained(terms, grid.tolist()) for piece in pieces])
     k = int(np.argmin(np.sum(at, axis=0)))
     if not 0 < k < len(grid) - 1:
@@ -445,8 +446,8 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
     for the whole log: a controller answers noise at once, and a piece in which little else moves, with its own
     coefficients, takes that answer for when beta acts.
 
-    None where neither is sure, where the terms of a `rival` make a beta that acts at once as likely, of two clocks, of
-    a lag beyond LAGS, and of stretches too short to tell. The lag and its deviation are those of the parabola through
+    None where neither is sure, where the terms of a `rival` make a beta that acts at once as likely, of a lag beyond
+    LAGS, and of stretches too short to tell. The lag and its deviation are those of the parabola through
     the best of LAGS and its neighbours.
     """
     begins, tried = LAGS_FORGOTTEN * LAGS[-1], list[tuple[float, Lead]]()
@@ -457,7 +458,7 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
     for order, each in shapes:
         late_rows = without_beginnings(acting_later(rows, 0.0, each, order), begins)
         pieces = fitted([(late_rows, term_modes(late_rows, terms))])
-        left = lead_of(pieces, terms, rows) or Lead(0.0, math.inf)
+        left = lead_of(pieces, terms, rows, LEAST_DELAY) or Lead(0.0, math.inf)
         left = left if left.value > 0.0 else Lead(0.0, left.std)
         tried.append((likelihood([moved(piece.rows, left.value) for piece in pieces], terms), left))
     gains = 2.0 * (np.array([each for each, _ in tried]) - tried[0][0])
@@ -473,12 +474,9 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
         late = Late(tried[best][1], (-0.5 * slope / bend, 1.0 / math.sqrt(2.0 * bend)), order)
     else:
         best, late = 0, Late(tried[0][1])
-    if late.lead.grows or not (late.lag[0] or late.lead.is_sure):
+    if not (late.lag[0] or late.lead.is_sure):
         return None
-    if rival:
-        if tried[best][0] < likelihood([without_beginnings(rows, begins)], rival):
-            return None
-    return late
+    return None if rival and tried[best][0] < likelihood([without_beginnings(rows, begins)], rival) else late
 
 
 def slopes_of(terms: tuple[str, ...]) -> tuple[str, ...]:
