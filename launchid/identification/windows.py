@@ -124,7 +124,7 @@ def refuse_too_long(log: Log) -> None:
     period, t = log.period, log.t[np.isfinite(log.t)]
     if len(t) > MAX_ROWS and np.ptp(t) > MAX_ROWS * period:
         raise InputError(f"{log.path}: too long for one window: at most {MAX_ROWS * period:g} s at this rate; "
-                         "--window S")
+                         "cut it into windows with --window S")
 
 
 def is_stand(nominal: Nominal) -> bool:
