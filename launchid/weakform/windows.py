@@ -61,7 +61,7 @@ class WindowFit:
 @dataclass(frozen=True, eq=False)
 class Judged:
     """The estimates with those refused that the log contradicts, the fit of each, what they were refused for, when beta
-    acts, what could not be asked, the weak form's estimates before any was refused, and the terms that were asked for."""
+    acts, what could not be asked, the weak form's estimates before any was refused, and the terms asked for."""
 
     estimates: list[Estimate]
     fits: list[WindowFit]
