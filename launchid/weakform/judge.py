@@ -71,13 +71,12 @@ LACKING = ("1", "theta_dot", "gamma", FAST_THETA, "sin(theta)", "sign(theta_dot)
 
 @dataclass(frozen=True)
 class Lack:
-    """Something that an answer lacks, or for which no answer can be believed.
+    """Something that the fitted terms lack to describe a log, or for which no numbers of it can be right.
 
-    what     a term; `delay`, `clock`, `placebo`, `driving`, `interpolated`, `beta at rest`, `unexplained`,
-             `coefficients`
+    what     a term, or delay, clock, placebo, driving, interpolated, beta at rest, unexplained, coefficients
     before, after   share of the weighted squares that is explained without and with it
     size     coefficient of the term [its units], delay [s], frequency [rad/s]; None for the others
-    std      its standard deviation;  is_most  with it half of the error of rows left out is gone
+    std      its standard deviation;  is_most  with it half of the error of held-out rows is gone
     """
 
     what: str
@@ -419,8 +418,8 @@ def explained(pieces: list[Piece], terms: tuple[str, ...], lead: float = 0.0) ->
 
 
 def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, least: float = -MOST_DELAY) -> Lead | None:
-    """Return the time by which beta leads what it causes: the shift at which the terms leave least; None where beta is
-    in no term, or the best shift is at the end of the search."""
+    """Return the time [s] by which beta leads its effect, the shift from `least` to MOST_DELAY at which terms leave
+    least; None where beta is in no term, or the best shift is at an end."""
     if not any("beta" in term for term in terms):
         return None
     grid = DELAY_STEP * np.arange(round(least / DELAY_STEP), round(MOST_DELAY / DELAY_STEP) + 1)
@@ -441,14 +440,14 @@ def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, least: floa
 
 
 def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) -> Late | None:
-    """Return the delay and the lag with which beta acts, by the largest likelihood: a lag where it is more likely than
-    a delay alone, of first order or two of half of it. One set of coefficients, and lines in time of a6 and k1, hold
-    for the whole log: a controller answers noise at once, and a piece in which little else moves, with its own
-    coefficients, takes that answer for when beta acts.
+    """Return how much later than it is logged beta acts, by the largest likelihood: after a delay, and behind a lag (of
+    first order, or two of half its length) where that is more likely than a delay alone. One set of coefficients, with
+    linear drifts of a6 and k1, holds for the whole log: in a piece with its own coefficients in which little else
+    moves, the controller's instant response to noise would pass for the time at which beta acts.
 
-    None where neither is sure, where the terms of a `rival` make a beta that acts at once as likely, of a lag beyond
-    LAGS, and of stretches too short to tell. The lag and its deviation are those of the parabola through
-    the best of LAGS and its neighbours.
+    None if neither is significant, if the terms of `rival` with a beta that acts at once are more likely, if the lag is
+    beyond LAGS, or if stretches are too short to tell. The lag and its deviation are those of the parabola through the
+    best of LAGS and its neighbours.
     """
     begins, tried = LAGS_FORGOTTEN * LAGS[-1], list[tuple[float, Lead]]()
     if rows.stretch < begins + MOST_DELAY + STRETCH:

@@ -60,8 +60,8 @@ class WindowFit:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """The estimates with those refused that the log contradicts, the fit of each, what they were refused for, when beta
-    acts, what could not be asked, the weak form's estimates before any was refused, and the terms asked for."""
+    """The windows as judged: estimates (refused if the log contradicts them), fit of each, lacks, when beta acts, what
+    was not tested, the weak form's estimates before, terms that were tested."""
 
     estimates: list[Estimate]
     fits: list[WindowFit]
