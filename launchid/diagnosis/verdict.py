@@ -210,6 +210,22 @@ def everything(m: Model) -> np.ndarray:
             break
         fit = gauss_newton(m, p, tuple(range(len(p))), frozenset(), 4)
         fit_levels(m, fit.p, 2)
+    return without_weather(m, fit) if m.weather and m.shapes else fit.p
+
+
+def without_weather(m: Model, fit: Fit) -> np.ndarray:
+    """Return the numbers fitted in calm air, in which the model is left, unless the weather still explains WEATHER_NATS
+    more beside the shapes that were found since; else those of `fit`."""
+    name, levels, windy = m.weather, m.levels.copy(), likelihood(m, m.white(fit.p))
+    m.in_weather("")
+    calm = gauss_newton(m, fit.p, fit.free, frozenset(), 3)
+    fit_levels(m, calm.p, 4)
+    calm = gauss_newton(m, calm.p, fit.free, frozenset(), 3)
+    if likelihood(m, m.white(calm.p)) + WEATHER_NATS > windy:
+        return calm.p
+    m.in_weather(name)
+    m.levels = levels
+    m.move_to(fit.p)
     return fit.p
 
 
@@ -314,7 +330,11 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     if not m.is_flown and of_input and not acts(m, el):
         listed = [k for k in listed if k not in of_input]
         words.append("the input of another time explains as much as the log's own: nothing is said of it")
-    names = [*named_beside(m, el, controller), *(each for k in listed for each in named_of(m, el, k))]
+    modes = [k.group.kind for k in listed if k.group.kind in MODES]
+    if m.weather and modes:
+        words.append(f"what a {modes[0]} leaves is like {m.weather}: it is neither")
+    names = [*named_beside(m, el, controller, bool(m.weather) and not modes),
+             *(each for k in listed for each in named_of(m, el, k))]
     doubts = [others.get(k.group.name) or f"{k.group.kind} explains {0.5 * k.gain:.0f} nats and is no known cause"
               for k in unlisted]
     where = unlisted[0].group.place if unlisted else None
@@ -437,6 +457,7 @@ def acts(m: Model, el: Elimination) -> bool:
     return own > PLACEBO * max(wins)
 
 
+MODES = ("slosh", "bending")   # of the vehicle: what their form leaves swings on
 EQUAL_CAUSES = {"misalignment": ("steady_wind", "attitude_bias"), "moment": ("steady_wind", "attitude_bias"),
                 "wind": ("attitude_bias",)}
 
@@ -465,14 +486,14 @@ def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | N
     return ""
 
 
-def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None) -> list[Named]:
-    """Return the causes found without a number of the fit: another controller, weather."""
+def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None, is_weather: bool) -> list[Named]:
+    """Return the causes found without a number of the fit: another controller, and weather if `is_weather`."""
     found = []
     if controller is not None and controller.is_named:
         found.append(Named("controller_mismatch", "controller", {
             "kp_scale": (controller.kp_scale, controller.std[0]), "kd_scale": (controller.kd_scale, controller.std[1]),
             "delay": (controller.delay, controller.std[2])}, (), controller.evidence, math.nan))
-    if m.weather:
+    if is_weather:
         k, std = WEATHER[m.weather], level_deviation(m, el.final.p, WEATHER[m.weather])
         level = math.exp(m.levels[k])
         given: dict[str, tuple[Any, float | None]] = {"level": (level, std)}
