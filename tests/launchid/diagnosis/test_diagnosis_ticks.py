@@ -37,14 +37,9 @@ def log_at(log, rows):
     return dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
 
 
-def logged(clock, drop="", effect="", begin=0.0):
-    log = log_of(flight(effect), tuple(drop.split(",")))
+def logged(clock, effect="", begin=0.0):
+    log = log_of(flight(effect))
     return log_at(log, read_at(log, *clock, begin))
-
-
-def recorded(clock, drop="", effect="", begin=0.0):
-    log = logged(clock, drop, effect, begin)
-    return record(log, NOMINAL, check(log, NOMINAL))
 
 
 def test_a_cause_is_named_by_a_clock_that_jitters():
@@ -56,8 +51,9 @@ def test_a_cause_is_named_by_a_clock_that_jitters():
 
 @pytest.mark.parametrize("begin", [0.0, 0.008])
 def test_commands_that_change_tell_the_controllers_ticks(begin):
-    r = recorded((0.007, 0.0), begin=begin)
-    ticks = ticks_of(r, logged((0.007, 0.0), begin=begin).beta_cmd)
+    log = logged((0.007, 0.0), begin=begin)
+    r = record(log, NOMINAL, check(log, NOMINAL))
+    ticks = ticks_of(r, log.beta_cmd)
     assert ticks.spread < 0.06 * ticks.period
     assert r.nominal.diagnosis.timing < 1.2 * NOMINAL.diagnosis.timing
     assert ticks.period * r.step == pytest.approx(TICK)
