@@ -1,4 +1,4 @@
-"""Turn a diagnosis into the contract's JSON, text for a terminal, and an extended nominal."""
+"""Turn a diagnosis into its JSON (docs/formats.md), text for a terminal, and an extended nominal."""
 
 import math
 from dataclasses import replace

@@ -160,7 +160,7 @@ class Shape:
 class Kind:
     """A kind of candidate beyond the usual numbers.
 
-    cause       in the contract's words, "" for a shape that has no name there
+    cause       in the catalogue's words, "" for a shape that has no name there
     parameters  names of its numbers, `linear` of them amplitudes
     make        (model, nonlinear values) -> its `Column`s, of unit amplitudes
     when        names of Model's flags that must all be true;  starts  the nonlinear values that a scan tries

@@ -41,7 +41,7 @@ RELATED_CORRELATION = 0.3  # correlation from which another is tried in its plac
 @dataclass(frozen=True)
 class Group:
     """Numbers that are eliminated together: indices, the first `linear` are sizes, 0 or nominal where the group is out.
-    kind: its name without a count; cause in the contract's words ("": none)."""
+    kind: its name without a count; cause in the catalogue's words ("": none)."""
 
     name: str
     kind: str

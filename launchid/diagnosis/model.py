@@ -33,7 +33,7 @@ class Stopped(Exception):
 
 class Number(NamedTuple):
     """One number of the model: null its nominal value, tol how far from it is nobody's fault, prior one sigma, step of
-    its slope, low and high its range, cause and parameter in the contract's words ("": none)."""
+    its slope, low and high its range, cause and parameter in the catalogue's words ("": none)."""
 
     name: str
     null: float

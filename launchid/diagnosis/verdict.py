@@ -369,7 +369,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
 
 
 def other_shape(m: Model, el: Elimination, k: Kept) -> str:
-    """Return in words the shape without a name that a kept number may be as well; "": none.
+    """Return in words what else, of no known cause, a kept number may be, so that it is not named; "": nothing.
 
     An attitude that drifts parts the columns as a gyro's bias does, and only the moment of the drift that the vehicle
     feels, which a slow disturbance may be too, tells the two apart.  A disturbance that weather leaves is neither.
@@ -505,7 +505,7 @@ def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None, 
 
 
 def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
-    """Return a kept group as causes in the contract's words; a sine in the place of the angle is two terms; a servo
+    """Return a kept group as causes in the catalogue's words; a sine in the place of the angle is two terms; a servo
     that is both later and slower is one cause: a scale that is as late as both, not told from a delay."""
     cause = k.group.cause
     values: dict[str, tuple[Any, float | None]] = {}

@@ -108,7 +108,7 @@ def aligned(other: Pass, base: Pass) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def solved(information: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
-    """Return the scoring step (p,); directions without information get none."""
+    """Return the step (p,) of (information + damping times its diagonal) step = gradient; 0 where nothing is known."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     m = information / np.outer(scale, scale) + damping * np.eye(len(scale))
     return np.linalg.lstsq(m, gradient / scale, rcond=1e-12)[0] / scale

@@ -133,7 +133,7 @@ def is_stand(nominal: Nominal) -> bool:
 
 
 def stand_library(nominal: Nominal) -> tuple[str, ...]:
-    """Return the names of a nominal's terms, theta and beta first unless their coefficient is 0, as a library."""
+    """Return a nominal's library: theta, beta, [vehicle.terms]; with such terms without a theta or beta that is 0."""
     rigid = (("theta", float(nominal.vehicle.a6[0])), ("beta", float(nominal.vehicle.k1[0])))
     return tuple(term for term, value in rigid if value != 0.0 or not nominal.terms) + \
         tuple(term for term, _ in nominal.terms)

@@ -384,7 +384,7 @@ def abandon_window(block):
 
 @kernel
 def follow_range(block, sigma, code):
-    """The uncertainty level after a block, and after a window."""
+    """Follow the range: its alarm after a block, the level at a window's end (`code`); none if the model is doubted."""
     fixed, state = block[0].fixed, block[0].state
     if state.check.flag[wh.WHITENESS_RAISED] == 0:
         total, watch, clock = state.bank.total, state.watch, state.clock

@@ -57,8 +57,8 @@ def mix_gust(g, gust, total, share):
 
 @inner
 def blow(belief, fil, gust, dt):
-    """Add what the declared wind does in a block of dt [s] beyond what the filter expects, and the wander of a6 and
-    k1."""
+    """Add to gust.covariance, over a block of dt [s], the declared wind's variance beyond what the filter expects, and
+    the wander of a6 and k1."""
     for j in range(belief.size.nuisances):
         if not is_unexpected(belief, fil, j):
             continue

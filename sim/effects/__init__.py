@@ -1,4 +1,4 @@
-"""The causes (effects) of the contract as extensions of the simulator that can be combined, each defined once.
+"""The causes (effects) of the catalogue as extensions of the simulator that can be combined, each defined once.
 
 Layers: `table` has their types; one file per place has its causes, their changes and their
 physics; `catalogue` finds, checks and packs.  The compiled step calls places, never single effects.

@@ -5,7 +5,7 @@ in this order, into the second-order servo, whose natural frequency and rate hav
 of their own.  Of several of one kind delays, biases and plays add, gains and
 bandwidths multiply, the lowest rate limits.
 
-Two have a second form, in a parameter beside the contract's: a slow servo may be
+Two have a second form, in a parameter beside the usual one: a slow servo may be
 so by a first-order lag before it (`lag`), and the rate that a saturated servo asks
 for may run ahead of its limit (`wind_up`).
 

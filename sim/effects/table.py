@@ -1,8 +1,8 @@
 """Types of effects: a cause's description, an effect with its values, and the sum of all changes to a flight.
 
-A `Cause` describes (the contract's table, section 4), an `Effect` is a cause with its values.  To the compiled step
-most effects are numbers, whose neutral values change no bit of a flight; those with a memory, and those that
-there may be many of, are rows.
+A `Cause` describes a kind (docs/formats.md, "Causes and effects"), an `Effect` is a cause with its values.  To the
+compiled step most effects are numbers, whose neutral values change no bit of a flight; those with a memory, and those
+that there may be many of, are rows.
 """
 
 import math
