@@ -58,6 +58,7 @@ class Server(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
     request_queue_size = ARRIVALS
+    _serves = False
 
     def __init__(self, live: Live, port: int) -> None:
         """Listen on the port (0: any free one) and start serving; UsageError if it is taken."""
@@ -70,6 +71,7 @@ class Server(ThreadingHTTPServer):
         self.telling: dict[socket.socket, None] = {}  # of these the pages that are told, by age
         self._lock = threading.Lock()                 # of the two
         self._room = threading.Semaphore(MOST_CONNECTIONS)
+        self._serves = True
         threading.Thread(target=self.serve_forever, args=(FRAME,), daemon=True).start()
 
     @property
@@ -117,8 +119,13 @@ class Server(ThreadingHTTPServer):
         until = time.monotonic() + FAREWELL
         while self.telling and time.monotonic() < until:
             time.sleep(0.5 * FRAME)
-        self.shutdown()
         self.server_close()
+
+    def server_close(self) -> None:
+        """Stop serving, if it began, and close the socket: a loop over a closed one would never rest."""
+        if self._serves:
+            self.shutdown()
+        super().server_close()
 
 
 class Handler(BaseHTTPRequestHandler):

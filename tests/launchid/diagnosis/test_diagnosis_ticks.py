@@ -33,13 +33,10 @@ def read_at(whole, period, jitter, begin=0.0, seed=3):
     return np.unique(np.round((begin + np.arange(n) * period + away).clip(0.0) / FINE).astype(int))
 
 
-def log_at(log, rows):
-    return dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
-
-
 def logged(clock, effect="", begin=0.0):
     log = log_of(flight(effect))
-    return log_at(log, read_at(log, *clock, begin))
+    rows = read_at(log, *clock, begin)
+    return dataclasses.replace(log, **{name: getattr(log, name)[rows] for name in (*REQUIRED, *OPTIONAL)})
 
 
 def test_a_cause_is_named_by_a_clock_that_jitters():

@@ -493,8 +493,14 @@ def test_pages_that_never_read_do_not_delay_the_estimator(folder, nominal):
 def server() -> Iterator[Server]:
     made = Server(Live({"source": "x"}), 0)
     yield made
-    made.shutdown()
     made.server_close()
+
+
+def test_a_server_that_is_closed_rests():
+    """Its loop went on over the closed socket, at the whole of a core."""
+    server, before = Server(Live({"source": "x"}), 0), threading.active_count()
+    server.server_close()
+    Session.until(lambda: threading.active_count() < before)
 
 
 def test_a_port_that_is_taken(nominal):
