@@ -22,11 +22,11 @@ import numpy as np
 from sim.flight import excitation, packed
 from sim.nominal import Nominal
 
+from ..controller.command import record
+from ..controller.issued import with_commands
 from ..diagnosis import filter as ekf
 from ..diagnosis.adapter import follow, track_of
 from ..diagnosis.candidates import usual
-from ..diagnosis.controller.command import record
-from ..diagnosis.controller.issued import with_commands
 from ..diagnosis.data.record import CHANNELS, Record
 from ..diagnosis.data.used import shortened, sparser, used
 from ..diagnosis.estimate import gauss_newton

@@ -8,15 +8,15 @@ import numpy as np
 from sim.errors import InputError
 from sim.nominal import Nominal
 
+from ..controller.check import ControllerCheck
+from ..controller.command import record
+from ..controller.gaps import Seen
+from ..controller.issued import with_commands
 from ..log.check import examined
 from ..log.detect import DataCheck
 from ..log.log import Log
 from ..sums import combined, least_squares
 from . import filter as ekf
-from .controller.check import ControllerCheck
-from .controller.command import record
-from .controller.gaps import Seen
-from .controller.issued import with_commands
 from .data.record import Z_THETA, Z_THETA_DOT, Record
 from .data.used import Used, shortened, sparser, used
 

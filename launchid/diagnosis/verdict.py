@@ -12,12 +12,12 @@ from sim.effects import CATALOGUE
 from sim.flight import fly_whole
 from sim.nominal import Nominal
 
+from ..controller.check import ControllerCheck
 from ..log.log import Log, flown_log
 from ..log.vehicle import plant_faults
 from ..sums import along, square
 from .adapter import FEWEST_ROWS, Reading, read
 from .candidates import CANDIDATE_KINDS, TOLERANCE_SIGMAS, usual
-from .controller.check import ControllerCheck
 from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, MOST, NAME_SHARE, Elimination, Kept, Search
 from .estimate import Fit, fit_levels, gauss_newton, gram, level_deviation, likelihood
 from .gain import Gain, held_out

@@ -25,7 +25,7 @@ from sim.errors import InputError
 from sim.nominal import Nominal
 from sim.sections import SERVO, Required
 
-from ..controller_replay import MIN_COMMANDS, Replay, replay, rms
+from ..controller.replay import MIN_COMMANDS, Replay, replay, rms
 from ..log.log import Log
 from ..onboard import onboard_model
 from ..shown import servo_lines

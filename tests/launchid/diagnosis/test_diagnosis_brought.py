@@ -9,8 +9,8 @@ import pytest
 from shortened import short
 from test_diagnosis import log_of
 
+from launchid.controller.command import _is_held
 from launchid.diagnosis.answer import report
-from launchid.diagnosis.controller.command import _is_held
 from launchid.diagnosis.data.record import on_grid
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.check import examined

@@ -9,11 +9,11 @@ import pytest
 from shortened import short
 from test_diagnosis import LONG, NOMINAL, flown, found, named
 
+from launchid.controller.check import NO_MISMATCH, check_controller
+from launchid.controller.command import record
+from launchid.controller.gaps import filled, on_board
+from launchid.controller.issued import with_commands
 from launchid.diagnosis.adapter import follow, read
-from launchid.diagnosis.controller.check import NO_MISMATCH, check_controller
-from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.controller.gaps import filled, on_board
-from launchid.diagnosis.controller.issued import with_commands
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED

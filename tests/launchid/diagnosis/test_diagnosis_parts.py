@@ -7,9 +7,9 @@ import pytest
 from shortened import short
 from test_diagnosis import log_of
 
+from launchid.controller.check import GAIN, NO_MISMATCH, OTHER_FILTER, check_controller
+from launchid.controller.command import record
 from launchid.diagnosis.adapter import FEWEST_ROWS
-from launchid.diagnosis.controller.check import GAIN, NO_MISMATCH, OTHER_FILTER, check_controller
-from launchid.diagnosis.controller.command import record
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED

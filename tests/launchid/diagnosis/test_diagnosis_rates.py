@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from launchid.diagnosis.controller.check import NO_MISMATCH, UNKNOWN_LAW, check_controller
-from launchid.diagnosis.controller.command import record
+from launchid.controller.check import NO_MISMATCH, UNKNOWN_LAW, check_controller
+from launchid.controller.command import record
 from launchid.log.detect import check
 from launchid.log.log import Log
 from sim.effects import effect

@@ -8,8 +8,8 @@ import pytest
 from shortened import short
 from test_diagnosis import log_of
 
-from launchid.diagnosis.controller.command import record
-from launchid.diagnosis.controller.ticks import ticks_of
+from launchid.controller.command import record
+from launchid.controller.ticks import ticks_of
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED

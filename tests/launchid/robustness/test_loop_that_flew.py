@@ -8,7 +8,7 @@ import pytest
 from shortened import short
 
 import launchid
-from launchid.controller_replay import Replay, replay, rms
+from launchid.controller.replay import Replay, replay, rms
 from launchid.onboard import onboard_model
 from launchid.robustness.loops import loops, plants_of
 from launchid.robustness.margin_spread import MARGIN_NAMES, margin_table

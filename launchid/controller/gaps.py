@@ -22,11 +22,11 @@ import numpy as np
 
 from sim.flight import excitation, packed
 
-from ...controller_replay import KI, MIN_COMMANDS, NEAR_LIMIT, constants_of, lowest, rms
-from ...sums import combined, least_squares, products
-from ..data.record import Z_THETA, Z_THETA_DOT, Record
+from ..diagnosis.data.record import Z_THETA, Z_THETA_DOT, Record
+from ..sums import combined, least_squares, products
 from .check import COMMAND_ROUNDING, NO_MISMATCH, UNKNOWN_LAW, ControllerCheck
 from .command import in_doubt
+from .replay import KI, MIN_COMMANDS, NEAR_LIMIT, constants_of, lowest, rms
 from .ticks import command_noise, noise_std
 
 SAME_PREDICTED = 0.02  # relative, of a gain and of a time constant: closer is the same

@@ -1,5 +1,5 @@
 """Check whether the logged command is the nominal controller's.  With the reference it can be recomputed exactly
-(`controller_replay`), so any difference is a difference of gains, of computing time, or of the derivative's filter.
+(`replay`), so any difference is a difference of gains, of computing time, or of the derivative's filter.
 A log slower than its controller is checked by `gaps`.
 """
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...controller_replay import KD, KI, KP, Explanation, Replay, constants_of, lowest, replayed, rms
-from ..data.record import Z_THETA, Z_THETA_DOT, Record
+from ..diagnosis.data.record import Z_THETA, Z_THETA_DOT, Record
 from .command import recomputed_at
+from .replay import KD, KI, KP, Explanation, Replay, constants_of, lowest, replayed, rms
 from .ticks import Ticks, command_noise, over_grid
 
 GAIN, LATE_COMMAND, OTHER_FILTER, UNKNOWN_LAW, NO_MISMATCH = "gain", "delay", "filter", "unknown", "none"

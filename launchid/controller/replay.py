@@ -19,8 +19,8 @@ from sim.nominal import Nominal
 from sim.vehicle.controller import filtered, limited, pseudo_derivative
 from sim.vehicle.kernels import kernel
 
-from .log.log import Log
-from .sums import combined, least_squares, products, square
+from ..log.log import Log
+from ..sums import combined, least_squares, products, square
 
 MEMORY_LEFT = 1e-5    # of what the controller remembered: less is nothing
 MIN_COMMANDS = 20     # commands, without which nothing is said

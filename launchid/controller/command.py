@@ -14,10 +14,10 @@ from sim.errors import InputError
 from sim.flight import excitation
 from sim.nominal import Nominal
 
-from ...controller_replay import LAW_PERIOD, constants_of, issued
-from ...log.detect import DataCheck
-from ...log.log import Log
-from ..data.record import Z_BETA, Z_THETA, Record, no_servo, on_grid
+from ..diagnosis.data.record import Z_BETA, Z_THETA, Record, no_servo, on_grid
+from ..log.detect import DataCheck
+from ..log.log import Log
+from .replay import LAW_PERIOD, constants_of, issued
 from .ticks import SLOWER, Ticks, between, carried, command_noise, falls_between, issued_at, lined, over_grid, ticks_of
 
 LONGEST_HELD = 10  # rows of one command: over more nobody commands

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...controller_replay import KD, KP, LAW_PERIOD, LAW_TIME_CONSTANT, NEAR_LIMIT, constants_of
-from ...sums import combined, least_squares
-from ..data.record import Z_THETA, Record
+from ..diagnosis.data.record import Z_THETA, Record
+from ..sums import combined, least_squares
+from .replay import KD, KP, LAW_PERIOD, LAW_TIME_CONSTANT, NEAR_LIMIT, constants_of
 
 SLOWER = 1.01     # of the controller's period: rows that far apart see a new command each
 STAYS = 0.02      # of the rows repeat their command, if ticks are to be told
