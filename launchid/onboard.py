@@ -6,21 +6,37 @@ from typing import Any
 import numpy as np
 
 from launchid_core import SLOWEST, Model
+from sim.disturbance_draws import sources
 from sim.effects import values
+from sim.effects.actuator import slowed
 from sim.errors import InputError
-from sim.flight import parameters
+from sim.flight import packed, parameters
 from sim.nominal import Nominal
-from sim.sections import SERVO, Actuator
+from sim.sections import SERVO, UNKNOWN_WIND, Actuator
+from sim.vehicle.actuator import FIRST_ORDER_DAMPING
 
 SMALLEST_STD = 1.0e-9  # of a noise in a model
 LARGEST_STD = 1.0e6
 JUST_BEFORE = 1.0e-6   # s: a jump of the profile takes as long
 GUST_NODES = 65        # of a one-minus-cosine as straight lines: within 6e-4 of its height
-MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth")
+SLOPE_NODES = 129      # of a k1 that is a product of two lines over the flight: within 1.6e-5 of its change
+MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth", "control_slope",
+            "lateral_drift", "turbulence", "wind_walk", "controller_mismatch")
+TERMS = ("aero_cubic", "missing_term")  # value at the predicted state, and its slope
+COMMAND_PATH = ("actuator_backlash", "input_washout")  # on the command that is known
+# what no model of the filter is near enough to, and what to do instead
+REFUSED = {
+    "friction": "at rest it sticks, which no slope describes: use --formulation integral --library "
+                "\"theta,beta,sign(theta_dot)\"",
+    "actuator_rate_limit": "a servo at its rate limit is not linear: cut the log to where it does not saturate, or "
+                           "declare [actuator] natural_frequency_sigma",
+    "attitude_delay": "declare the sum of the delays as actuator_delay: a6 and k1 come out the same, or give the log's "
+                      "theta its own stamps",
+    "gyro_delay": "leave theta_dot out of the log, or give it its own stamps"}
 OFFSET_KINDS = {"actuator_gain": "scale", "actuator_bias": "angle", "attitude_bias": "angle", "gyro_bias": "rate",
                 "gyro_scale": "scale", "nozzle_sensor_bias": "angle", "thrust_misalignment": "angle",
                 "aero_damping": "coefficient"}  # constants, exact
-KNOWN_IN_TIME = ("steady_wind", "gust", "control_loss")
+KNOWN_IN_TIME = ("steady_wind", "gust", "control_loss", "moment_step", "periodic_disturbance")
 
 
 def onboard_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
@@ -43,11 +59,13 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
     if nominal.terms:
         raise InputError(f"{nominal.path}: [vehicle.terms]: the filtered formulation models theta and beta alone; "
                          "expected a6 and k1 or a profile")
-    understood = (*MODELLED, *OFFSET_KINDS, *KNOWN_IN_TIME)
+    understood = (*MODELLED, *OFFSET_KINDS, *KNOWN_IN_TIME, *TERMS, *COMMAND_PATH)
     for effect in nominal.effects:
         if effect.name not in understood:
-            raise InputError(f"{nominal.path}: effect {effect.name!r}: the filtered formulation has no model of it "
-                             f"(it has of {', '.join(understood)})")
+            raise InputError(f"{nominal.path}: effect {effect.name!r}: the filtered formulation has no model of it; "
+                             + REFUSED.get(effect.name, "expected a nominal without it"))
+        if "sign(theta_dot)" in str(values(effect).get("term", "")):
+            raise InputError(f"{nominal.path}: effect {effect.name!r} with sign(theta_dot): {REFUSED['friction']}")
     actuator, sensors, simulation = nominal.actuator, nominal.sensors, nominal.simulation
     assert actuator is not None and simulation is not None
 
@@ -64,24 +82,39 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
         theta_dot_std=std(sensors.theta_dot_std, sensors.theta_dot_step),
         beta_std=std(sensors.beta_std, sensors.beta_step), command_noise_std=std(actuator.command_noise_std),
         acceleration_noise_std=std(simulation.acceleration_noise_std), noise_period=noise_period,
-        gamma_std=max(sensors.gamma_std, sensors.alpha_std), **_known(nominal), **_air(nominal), **_unknown(nominal))
+        gamma_std=max(sensors.gamma_std, sensors.alpha_std), **_known(nominal), **_air(nominal), **_unknown(nominal),
+        **_forced(nominal), **_terms(nominal), **_command_path(nominal))
 
 
 def _nodes(nominal: Nominal) -> np.ndarray:
-    """Return times [s] of the profile's nodes, with those of sudden losses of control."""
+    """Return times [s] of the profile's nodes, with those of sudden losses of control and of slopes of k1."""
     jumps = [float(values(each)["time"]) for each in nominal.effects if each.name == "control_loss"]
+    t = nominal.vehicle.t
+    if any(each.name == "control_slope" for each in nominal.effects):
+        assert nominal.simulation is not None
+        t = np.union1d(t, np.linspace(0.0, nominal.simulation.duration, SLOPE_NODES))
     if not jumps:
-        return nominal.vehicle.t
-    return np.unique(np.concatenate([nominal.vehicle.t, jumps, np.array(jumps) - JUST_BEFORE]))
+        return t
+    return np.unique(np.concatenate([t, jumps, np.array(jumps) - JUST_BEFORE]))
 
 
 def _servo(nominal: Nominal, actuator: Actuator) -> dict[str, Any]:
     """Return the servo's fields of `Model`, with the delays and bandwidths of the nominal's effects."""
     delay = sum(float(values(effect)["delay"]) for effect in nominal.effects if effect.name == "actuator_delay")
-    bandwidth = math.prod(float(values(effect)["scale"]) for effect in nominal.effects
-                          if effect.name == "actuator_bandwidth")
+    bandwidth, lags = 1.0, []
+    for effect in nominal.effects:
+        if effect.name == "actuator_bandwidth":
+            scale, share = float(values(effect)["scale"]), float(values(effect)["lag"])
+            damping = FIRST_ORDER_DAMPING if actuator.is_first_order else actuator.damping_ratio
+            factor, lag = slowed(scale, share, 1.0, damping)
+            lags += [lag / (bandwidth * actuator.frequency)] * (lag > 0.0)
+            bandwidth *= factor
+    if len(lags) > 1:
+        raise InputError(f"{nominal.path}: effect 'actuator_bandwidth' with a lag stands {len(lags)} times: expected "
+                         "one")
     return {"natural_frequency": actuator.natural_frequency * bandwidth, "damping_ratio": actuator.damping_ratio,
             "time_constant": actuator.time_constant / bandwidth, "delay": actuator.delay + delay,
+            "command_lag": lags[0] if lags else 0.0,
             **{f"{name}_sigma": getattr(actuator, f"{name}_sigma") for name in SERVO}}
 
 
@@ -123,9 +156,13 @@ def _air(nominal: Nominal) -> dict[str, Any]:
         for blow in winds:
             wind = wind + _blown({name: float(value) for name, value in blow.items()}, t)
         fields["forecast_t"], fields["forecast"] = tuple(t), tuple(wind)
-    if nominal.drift is not None:
-        drift = nominal.drift
-        fields |= {"drift_t": tuple(drift.t), "drift_alpha": tuple(drift.z_alpha), "drift_beta": tuple(drift.z_beta)}
+    drift, drifts = nominal.drift, [values(each) for each in nominal.effects if each.name == "lateral_drift"]
+    if drift is not None or drifts:
+        t = np.zeros(1) if drift is None else drift.t
+        z_alpha, z_beta = (np.zeros(1), np.zeros(1)) if drift is None else (drift.z_alpha, drift.z_beta)
+        fields |= {"drift_t": tuple(t),
+                   "drift_alpha": tuple(z_alpha + sum(float(each["z_alpha"]) for each in drifts)),
+                   "drift_beta": tuple(z_beta + sum(float(each["z_beta"]) for each in drifts))}
     return fields
 
 
@@ -140,12 +177,49 @@ def _blown(blow: dict[str, float], t: np.ndarray) -> np.ndarray:
 def _unknown(nominal: Nominal) -> dict[str, Any]:
     """Return the fields of `Model` for levels of unknown wind and offsets; alpha measured in air holds the wind."""
     levels: dict[str, float] = {}
-    if nominal.wind is not None and nominal.sensors.alpha_source == "inertial":
-        wind = nominal.wind
-        levels = {"walk": wind.walk, "wind_initial": wind.initial, "turbulence": wind.turbulence,
-                  "turbulence_time": wind.turbulence_time}
+    walks, turbulences = sources(nominal.wind, packed(nominal))
+    if (nominal.wind is not None or walks or turbulences) and nominal.sensors.alpha_source == "inertial":
+        levels = {"walk": math.hypot(*(level for level, _ in walks)),
+                  "wind_initial": math.hypot(*(initial for _, initial in walks))}
+        if any(each.name == "wind_walk" for each in nominal.effects):
+            levels["wind_initial"] = max(levels["wind_initial"], UNKNOWN_WIND)  # the log may begin in flight
+        level = math.hypot(*(level for level, _ in turbulences))
+        levels["turbulence"] = level
+        if turbulences:  # of several the mean of their times, each by its power
+            levels["turbulence_time"] = sum(each**2 * time for each, time in turbulences) / level**2
     if nominal.offsets is not None:
         offsets = nominal.offsets
         levels |= {name: getattr(offsets, name) for name in ("thrust_misalignment", "moment", "attitude_bias",
                                                              "gyro_bias", "nozzle_sensor_bias")}
     return levels
+
+
+def _forced(nominal: Nominal) -> dict[str, Any]:
+    """Return the fields of `Model` for accelerations in time that the nominal's effects fix."""
+    steps = [values(each) for each in nominal.effects if each.name == "moment_step"]
+    sines = [values(each) for each in nominal.effects if each.name == "periodic_disturbance"]
+    fields: dict[str, Any] = {"sines": tuple((float(each["amplitude"]), float(each["frequency"]), float(each["phase"]))
+                                             for each in sines)}
+    if steps:
+        begins = np.array([float(each["time"]) for each in steps])
+        t = np.unique(np.concatenate([begins - JUST_BEFORE, begins]))
+        moment = sum((float(each["acceleration"]) * (t >= float(each["time"])) for each in steps), np.zeros(len(t)))
+        fields |= {"moment_t": tuple(t), "known_moment": tuple(moment)}
+    return fields
+
+
+def _terms(nominal: Nominal) -> dict[str, Any]:
+    """Return the fields of `Model` for terms of theta_ddot that the nominal's effects fix."""
+    terms = [(str(values(each)["term"]), float(values(each)["coefficient"])) for each in nominal.effects
+             if each.name == "missing_term"]
+    return {"known_terms": tuple(terms), "known_cubic": packed(nominal).aero_cubic}
+
+
+def _command_path(nominal: Nominal) -> dict[str, Any]:
+    """Return the fields of `Model` for play and wash-out of the command; several plays add, one wash-out is held."""
+    play = sum(float(values(each)["half_width"]) for each in nominal.effects if each.name == "actuator_backlash")
+    times = [float(values(each)["time_constant"]) for each in nominal.effects if each.name == "input_washout"]
+    times = [time for time in times if math.isfinite(time)]
+    if len(times) > 1:
+        raise InputError(f"{nominal.path}: effect 'input_washout' stands {len(times)} times: expected one")
+    return {"backlash": play, "washout": times[0] if times else 0.0}

@@ -13,6 +13,7 @@ OFFSETS = ("thrust_misalignment", "moment", "attitude_bias", "gyro_bias", "nozzl
 N_OFFSETS = len(OFFSETS)
 MAX_NUISANCES = len(WIND_NOISES) + N_OFFSETS
 MAX_LEVELS = N_NOISES + len(WIND_NOISES)
+MAX_KNOWN = 8  # terms, and sines of time, that may be known to act
 SERVO = ("natural_frequency", "damping_ratio", "delay")  # what of a servo may be unknown
 # what a nuisance state is: the wind's two parts, then OFFSETS
 WALK, TURBULENCE, MISALIGNMENT, MOMENT, ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_BIAS = range(7)
@@ -20,8 +21,9 @@ SPREADS = ("wind_initial", "turbulence", *OFFSETS)  # of each nuisance, one sigm
 
 NODE_FIELDS = {"profile_t": ("profile_a6", "profile_k1"), "sigma_t": ("sigma_a6", "sigma_k1"),
                "forecast_t": ("forecast",),
-               "drift_t": ("drift_alpha", "drift_beta")}
-AT_LEAST_ZERO = ("delay", "time_constant", "walk", "wind_initial", "turbulence", "gamma_std", *OFFSETS,
+               "drift_t": ("drift_alpha", "drift_beta"), "moment_t": ("known_moment",)}
+AT_LEAST_ZERO = ("delay", "time_constant", "backlash", "command_lag", "washout",
+                 "walk", "wind_initial", "turbulence", "gamma_std", *OFFSETS,
                  *(f"{name}_sigma" for name in SERVO))
 
 
@@ -53,6 +55,12 @@ class Model:
                            [rad]: known sensor offsets; gyro_scale, command_gain, command_offset [rad]: what gyro and
                            actuator are known to make of rate and command
     known_damping [1/s]    d
+    moment_t [s], known_moment [rad/s^2]  nodes of an acceleration that is known beforehand; empty: none
+    sines                  the same: up to MAX_KNOWN of (amplitude [rad/s^2], frequency [rad/s], phase [rad])
+    known_terms            up to MAX_KNOWN of (library term, coefficient), accelerations that are known
+    known_cubic [1/rad^2]  c of a6 (alpha + c alpha^3), which acts in place of a6 alpha
+    backlash [rad], command_lag [s], washout [s]  half width of a play on the command, time constants of a lag behind
+                           it and of a wash-out behind that; 0: none
 
     A wrong value raises ValueError naming field, value and allowed range.
     """
@@ -96,6 +104,14 @@ class Model:
     command_gain: float = 1.0
     command_offset: float = 0.0
     known_damping: float = 0.0
+    moment_t: tuple[float, ...] = ()
+    known_moment: tuple[float, ...] = ()
+    sines: tuple[tuple[float, float, float], ...] = ()
+    known_terms: tuple[tuple[str, float], ...] = ()
+    known_cubic: float = 0.0
+    backlash: float = 0.0
+    command_lag: float = 0.0
+    washout: float = 0.0
     natural_frequency_sigma: float = 0.0
     damping_ratio_sigma: float = 0.0
     delay_sigma: float = 0.0
@@ -105,6 +121,7 @@ class Model:
             self._require_nodes(nodes, values)
         if not self.profile_t:
             raise ValueError(f"profile_t={self.profile_t!r}: expected at least one node")
+        self._require_known()
         for field in fields(self):
             if isinstance(field.default, tuple) or field.name.startswith("profile"):
                 continue
@@ -137,6 +154,26 @@ class Model:
         times = getattr(self, nodes)
         if any(b <= a for a, b in pairwise(times)):
             raise ValueError(f"{nodes}={times!r}: expected increasing times")
+
+    def _require_known(self) -> None:
+        """Finite sines and terms, MAX_KNOWN at most of each."""
+        sines = tuple(tuple(float(x) for x in each) for each in self.sines)
+        terms = tuple((name, float(x)) for name, x in self.known_terms)
+        object.__setattr__(self, "sines", sines)
+        object.__setattr__(self, "known_terms", terms)
+        if len(sines) > MAX_KNOWN or not all(len(each) == 3 and all(map(math.isfinite, each)) for each in sines):
+            raise ValueError(f"sines={sines!r}: expected up to {MAX_KNOWN} of three finite numbers")
+        if len(terms) > MAX_KNOWN or not all(isinstance(name, str) and math.isfinite(x) for name, x in terms):
+            raise ValueError(f"known_terms={terms!r}: expected up to {MAX_KNOWN} library terms with finite "
+                             "coefficients")
+
+    @property
+    def known(self) -> tuple[int, int, int, int]:
+        """What is known beside a6 and k1: 1 if any acceleration, how many terms, how many sines, 1 if the command is
+        shaped."""
+        acts = bool(self.moment_t or self.sines or self.known_terms) or self.known_cubic != 0.0
+        shaped = max(self.backlash, self.command_lag, self.washout) > 0.0
+        return int(acts), len(self.known_terms), len(self.sines), int(shaped)
 
     @property
     def levels(self) -> tuple[str, ...]:

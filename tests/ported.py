@@ -99,6 +99,18 @@ def unsure(sections=None, **choices) -> Config:
     return filtered(model=onboard_model(dataclasses.replace(nominal, actuator=servo)), **choices)
 
 
+KNOWN = {"effects": tuple(map(from_text, (
+    "moment_step:acceleration=0.05,time=20.003", "periodic_disturbance:amplitude=0.04,frequency=3,phase=0.4",
+    "aero_cubic:coefficient=10", "missing_term:term=theta^2,coefficient=8",
+    "missing_term:term=sin(beta),coefficient=1", "actuator_backlash:half_width=0.002",
+    "actuator_bandwidth:scale=0.6,lag=1", "input_washout:time_constant=15")))}
+
+
+def known(**choices) -> Config:
+    """The constant nominal with what the filter knows beside a6 and k1."""
+    return filtered(model=onboard_model(dataclasses.replace(load_nominal("constant"), **KNOWN)), **choices)
+
+
 def regression(formulation: str, **choices) -> Config:
     return Config(**{"window": 1.0, "sample_period": 0.01, "formulation": formulation, "library": "quadratic+sin"}
                   | choices)
@@ -113,6 +125,7 @@ CONFIGS = {
     "filtered-wind": rough(window=10.0),
     "filtered-servo": unsure(),
     "filtered-wind-servo": unsure(ROUGH, window=10.0),
+    "filtered-known": known(window=5.0),
     "filtered-declared": filtered(noise="declared"),
     "measured-stls": regression("measured", compression=3),
     "difference-sr3": regression("difference", solver="sr3", compression=2),

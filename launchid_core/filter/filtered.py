@@ -209,7 +209,7 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
         for j in range(belief.size.servo):
             check.servo[channel, j] += out[belief.size.servo_at + j] * scale
     acc.counts[SAMPLES] += 1
-    kf.take_command(belief.constant, belief.size.servo, fil, row[BETA_CMD])
+    kf.take_command(belief, fil, row[BETA_CMD])
 
 
 @inner

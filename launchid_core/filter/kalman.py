@@ -20,6 +20,7 @@ from ..algebra.elementary import exp_of
 from ..algebra.library import library_column
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, MOMENT, TURBULENCE, WALK
+from . import known as kn
 from . import servo as sv
 from . import states as sx
 
@@ -94,17 +95,17 @@ def delayed_input(constant, fil):
 
 
 @inner
-def take_command(constant, servo, fil, command):
-    """Shift a command into the history: only as far as the delay needs, or all of it where it is not known.
-
-    servo  in  how many of the servo's numbers are not
-    """
+def take_command(belief, fil, command):
+    """Shift a command into the history: only as far as the delay needs, or all of it where it is not known."""
+    constant = belief.constant
     depth = min(int(constant[sx.DELAY] / constant[sx.CONTROLLER_PERIOD]) + 1, sx.MAX_DELAY_SAMPLES - 1)
-    if servo > 0:
+    if belief.size.servo > 0:
         depth = sx.MAX_DELAY_SAMPLES - 1
     for k in range(depth, 0, -1):
         fil.command[k] = fil.command[k - 1]
     fil.command[0] = constant[sx.COMMAND_GAIN] * command + constant[sx.COMMAND_OFFSET]
+    if belief.size.shaped == 1:
+        kn.shape_command(belief, fil)
 
 
 @inner
@@ -141,7 +142,11 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
         fill_transition(belief, fil, g, a6, k1, work.push)
     sv.drive_servo(belief, fil, work, believed_k1, u, change)
     known = believed_a6 * known_air + believed_k1 * constant[sx.LEAN]
+    if belief.size.known == 1:
+        known += kn.known_acceleration(belief, air, fil, work, a6, believed_a6, known_air)
     advance_state(belief, fil, f, believed_k1, u, known)             # x = F x + B u
+    if belief.size.known == 1:
+        kn.tilt_transitions(belief, fil, work, f, g)
     propagate_sensitivities(f, n, fil.s[:], belief.size.sensitivities)   # s = F s + drive
     if belief.size.servo > 0:
         sv.add_change(belief, fil, work, k1, believed_k1, change)

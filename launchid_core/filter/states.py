@@ -8,7 +8,7 @@ from ..kernels import inner
  COMMAND_GAIN, COMMAND_OFFSET, OFFSET, SATURATION, AERO_DAMPING, BLOCK_SHARE) = (*range(15), 17, 20, 21)
 # MISSING: share of the time between two samples with a command that no sample holds
 # HELD: 1: the gains are the nominal's, whatever a6 and k1 are believed to be (a model with wind levels)
-# AIRY: 1: there is a forecast or a drift;  LEAN: known thrust misalignment
+# AIRY: 1: there is a forecast, a drift or a known acceleration in time;  LEAN: known thrust misalignment
 # OFFSET, SATURATION: known offsets and end stops of theta, theta_dot, beta;  AERO_DAMPING: known, 1/s
 # BLOCK_SHARE: how long a block is over `filtered.BLOCK`: 1 but for whole samples, more where one lasts longer
 N_CONSTANTS = BLOCK_SHARE + 1
@@ -20,8 +20,8 @@ N_BELIEF = 5
 FIRST_STD = 0.5  # relative: what is known of either before any data
 CHANGE_BLOCKS = 24  # blocks that sudden changes are sought in: 2.4 s at 0.1 s
 # a row of `air` (f8)
-AIR_T, AIR_WIND, AIR_ALPHA, AIR_BETA = range(4)
-N_AIR = 4
+AIR_T, AIR_WIND, AIR_ALPHA, AIR_BETA, AIR_MOMENT = range(5)
+N_AIR = 5
 # a row of a profile (f8): time [s], a6, k1 [1/s^2], or the range of both
 NODE_T, NODE_A6, NODE_K1 = range(3)
 N_NODE = 3

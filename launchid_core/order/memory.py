@@ -103,7 +103,8 @@ def size_of(config: Config) -> Size:
     if config.formulation == "filtered":
         assert model is not None
         return tb.size_of(q, len(model.nuisances), len(model.levels), len(model.servo_sigma),
-                          config.terms.index("theta"), config.terms.index("beta"), structured=int(q > 2),
+                          config.terms.index("theta"), config.terms.index("beta"), known=model.known,
+                          structured=int(q > 2),
                           ranged=int(bool(model.sigma_t)))
     return tb.size_of(q, integral=int(config.formulation == "integral"), solver=SOLVERS.index(config.solver),
                       by_share=int(_thresholds(config)[pl.OWN_SHARE] > 0.0))
@@ -166,12 +167,17 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
     _fill_nuisances(model, belief, memory.apart["air"])
     belief.servo[:] = model.servo_sigma
     belief.codes[:] = term_codes(config.terms)
+    belief.known_codes[:] = term_codes(tuple(name for name, _ in model.known_terms))
+    belief.known_coefficient[:] = [coefficient for _, coefficient in model.known_terms]
+    belief.sines[:] = np.reshape(model.sines, (-1, 3))
+    belief.cubic[:] = model.known_cubic
+    belief.command[:] = (model.backlash, model.command_lag, model.washout)
     option[pl.ESTIMATE_LEVELS], option[pl.LEAST_SAMPLES] = int(config.noise == "estimated"), enough(config)
 
 
 def _air_times(model: Model) -> tuple[float, ...]:
-    """Nodes at which forecast or drift are given; none without them."""
-    return tuple(sorted({*model.forecast_t, *model.drift_t}))
+    """Nodes at which forecast, drift or known acceleration are given; none without them."""
+    return tuple(sorted({*model.forecast_t, *model.drift_t, *model.moment_t}))
 
 
 def _fill_nuisances(model: Model, belief: Any, air: np.ndarray) -> None:
@@ -181,7 +187,8 @@ def _fill_nuisances(model: Model, belief: Any, air: np.ndarray) -> None:
         air[:, sx.AIR_T] = times
         for column, nodes, values in ((sx.AIR_WIND, model.forecast_t, model.forecast),
                                       (sx.AIR_ALPHA, model.drift_t, model.drift_alpha),
-                                      (sx.AIR_BETA, model.drift_t, model.drift_beta)):
+                                      (sx.AIR_BETA, model.drift_t, model.drift_beta),
+                                      (sx.AIR_MOMENT, model.moment_t, model.known_moment)):
             if nodes:
                 air[:, column] = np.interp(times, nodes, values)
     belief.partner[:] = sx.ABSENT

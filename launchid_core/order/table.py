@@ -14,11 +14,12 @@ import numpy as np
 from ..algebra.library import CODE_LENGTH, MAX_TERMS, N_VARIABLES
 from ..filter import states as sx
 from ..filter import whiteness as wh
+from ..filter.known import N_COMMAND_PATH, N_SLOPES
 from ..filter.servo import N_SERVO, N_STEP
 from ..gate import ring as rb
 from ..gate.stuck import N_LEARNED, N_WATCHED
 from ..gate.window import EQUATIONS, N_WINDOW_FLAGS, N_WINDOW_NUMBERS
-from ..model import MAX_LEVELS, MAX_NUISANCES, N_OFFSETS
+from ..model import MAX_KNOWN, MAX_LEVELS, MAX_NUISANCES, N_OFFSETS
 from ..regression.rows import N_MARKS, N_OPTIONS, N_PLAN, N_SERIES, N_THRESHOLDS, PAIR
 from ..watch import changes as ch
 from ..watch import report as rp
@@ -47,6 +48,10 @@ class Size(NamedTuple):
     columns: int        # the same and the right-hand side
     pair: int           # columns of a block reduced to offset, theta, beta, right-hand side
     wider: int          # columns of a regression: terms, equations, drifts of a6 and k1
+    known: int          # 1: accelerations are known beside those of a6 and k1
+    known_terms: int    # terms among them
+    sines: int          # sines of time among them
+    shaped: int         # 1: play, lag or wash-out lie between command and servo
     learned: int        # columns of the structure's information, right-hand side last
     gust: int           # states of the gust after calm; 0 of a model without nuisances
     undeclared: int     # states of the undeclared wind; 0 of a model with nuisances, which knows better
@@ -58,20 +63,23 @@ class Size(NamedTuple):
 
 
 def size_of(terms: int, nuisances: int = 0, levels: int = 0, servo: int = 0, theta: int = 0, beta: int = 0,
-            **flags: int) -> Size:
-    """Size of an estimator, without levels a regression's; flags: the last five fields, 0 where absent."""
+            known: tuple[int, int, int, int] = (0, 0, 0, 0), **flags: int) -> Size:
+    """Size of an estimator, without levels a regression's; known: of `Size`, to shaped;
+    flags: the last five fields, 0 where absent."""
     states = sx.N_STATES + nuisances if levels else 0
     sensitivities = states + terms + servo + sx.N_TESTS
     is_known = levels > 0 and nuisances == 0
     responses = servo + 1 if servo else 0
     return Size(terms, theta, beta, states, nuisances, levels, servo, responses, sensitivities, states + terms,
-                columns=sensitivities + 1, pair=states + 3, wider=terms + EQUATIONS + PAIR, learned=terms + 1,
+                columns=sensitivities + 1, pair=states + 3, wider=terms + EQUATIONS + PAIR,
+                known=known[0], known_terms=known[1], sines=known[2], shaped=known[3], learned=terms + 1,
                 gust=states + 2 if nuisances else 0, undeclared=un.UNDECLARED_SIZE if is_known else 0,
                 **(dict.fromkeys(("integral", "solver", "by_share", "structured", "ranged"), 0) | flags))
 
 
 # the extents of every record
-LARGEST_SIZE = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS, N_SERVO)._replace(undeclared=un.UNDECLARED_SIZE)
+LARGEST_SIZE = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS, N_SERVO, known=(1, MAX_KNOWN, MAX_KNOWN, 1))._replace(
+    undeclared=un.UNDECLARED_SIZE)
 
 
 Extent = int | str | tuple["Extent", ...]  # a number, a name of `Size`, the product of several
@@ -189,6 +197,11 @@ BELIEF = struct(
     ("spread", F8, ("nuisances",), "standard deviation of each nuisance at the first sample"),
     ("codes", I8, ("terms", CODE_LENGTH), "library terms"),
     ("servo", F8, ("servo",), "one sigma of what is not known of it: relative frequency, relative damping, delay [s]"),
+    ("known_codes", I8, ("known_terms", CODE_LENGTH), "terms that are known to act"),
+    ("known_coefficient", F8, ("known_terms",), "of each"),
+    ("sines", F8, ("sines", 3), "known to act: amplitude [rad/s^2], frequency [rad/s], phase [rad]"),
+    ("cubic", F8, (1,), "a6 alpha is known to be a6 (alpha + cubic alpha^3), 1/rad^2"),
+    ("command", F8, (N_COMMAND_PATH,), "HALF_WIDTH, LAG, WASHOUT"),
     ("role", I8, ("nuisances",), "what each nuisance is, model.WALK .. NOZZLE_BIAS"),
     ("level", I8, ("nuisances",), "its place among the noise levels, or NONE"),
     ("partner", I8, (sx.N_CHANNELS,), "state that each channel shows beside its own, its offset's, or NONE"))
@@ -212,6 +225,7 @@ FILTER_STATE = struct(
     ("sx", F8, ("states", "levels"), "derivative of x for the levels"),
     ("sp", F8, ("levels", "states", "states"), "derivative of p for the levels"),
     ("command", F8, (sx.MAX_DELAY_SAMPLES,), "past commands, newest first"),
+    ("shaped", F8, (N_COMMAND_PATH,), "states of play, lag and wash-out [rad]"),
     ("time", F8, (sx.N_TIME,), "LAST, RUNNING, FIRST"),
     ("path", F8, (1,), "GAMMA_NOW"),
     ("step", F8, (N_STEP,), "constants of the last time step"),
@@ -226,6 +240,7 @@ FILTER_WORK = struct(
     ("transition", F8, ("states", "states"), "about the parameters believed"),
     ("steady", F8, ("states", "states"), "about the nominal's, for the gains"),
     ("matrix", F8, ("states", "states"), "of a product"),
+    ("known", F8, (N_SLOPES,), "slopes of the known acceleration for theta, theta_dot, beta"),
     ("push", F8, ("nuisances",), "acceleration that a unit of each nuisance is"),
     ("column", F8, ("states",), "covariance that a channel shows"),
     ("gain", F8, ("states",), "of a measurement"),

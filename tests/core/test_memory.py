@@ -29,7 +29,8 @@ def filtered(nominal=CALM, **choices) -> Config:
     return Config(**{"window": 0.5, "formulation": "filtered", "model": onboard_model(nominal)} | choices)
 
 
-CHOICES = ("theta", "beta", "integral", "solver", "by_share", "structured", "ranged")  # of `Size`: no extents
+CHOICES = ("theta", "beta", "integral", "solver", "by_share", "structured", "ranged", "known",
+           "shaped")  # of `Size`: no extents
 CONFIGS = {
     "integral": Config(window=0.5, library="quadratic", compression=2),
     "measured": Config(window=0.5, formulation="measured", solver="lasso", threshold=0.1),

@@ -1,0 +1,120 @@
+"""What is known beside a6 and k1: accelerations in time, terms that are not linear, and the command's path.
+
+An acceleration of time acts by its value at a step's middle.  A term c f(theta, theta_dot, beta) acts by its value at
+the predicted state there, and by its slope in F (extended Kalman filter: Gelb, Applied Optimal Estimation, 1974,
+section 6.1); sign(x) by its mean over what is not known of x, erf(x/(sqrt(2) std)) (statistical linearisation, ibid.,
+section 6.2).  The command passes play, lag and wash-out, in this order, before the servo (`sim.effects.actuator`).
+
+Assumptions: the command is held from sample to sample; play, lag and what washes out rest at 0 before the first sample.
+"""
+
+import math
+
+import numpy as np
+
+from ..algebra.elementary import erfc_of, exp_of, sin_of
+from ..algebra.library import function_value
+from ..kernels import inner
+from ..model import ATTITUDE_BIAS, TURBULENCE, WALK
+from . import servo as sv
+from . import states as sx
+
+SIGN = 3                    # place of sign in `library.FUNCTIONS`
+SLOPE_DIFFERENCE = 1.0e-5   # rad, rad/s: half the span of a term's central difference
+LEAST_SPREAD = 1.0e-9       # rad, rad/s: of what a sign is of
+# belief.command (f8): half width of the play [rad], time constants of lag and wash-out [s]; 0: none
+HALF_WIDTH, LAG, WASHOUT = range(3)
+N_COMMAND_PATH = 3
+# slope (f8) of the known acceleration for theta, theta_dot, beta
+N_SLOPES = 3
+
+
+@inner
+def term_value(code, theta, theta_dot, beta, spread):
+    """Return a term at a state; `spread` is the standard deviation of what its sign, if it has one, is of."""
+    value = 1.0
+    for _ in range(code[0]):
+        value *= theta
+    for _ in range(code[1]):
+        value *= theta_dot
+    for _ in range(code[2]):
+        value *= beta
+    states = (theta, theta_dot, beta)
+    argument = states[code[5]]
+    if code[4] == SIGN:
+        return value * (1.0 - erfc_of(argument / (math.sqrt(2.0) * spread)))
+    return value * function_value(code[4], argument)
+
+
+@inner
+def known_acceleration(belief, air, fil, work, a6, believed_a6, known_air):
+    """Return the known acceleration [rad/s^2] over the step; its slopes into work.known, a6's part into its drive.
+
+    a6, believed_a6 [1/s^2]  the nominal's, and as believed;  known_air [rad]  what is known of alpha beside theta
+    """
+    h, x, reach = fil.step[sv.STEP_PLACE], fil.x, fil.step[sv.ANGLE_OF_RATE]
+    middle = fil.time[sx.LAST] + 0.5 * h
+    total = sx.air_at(air, sx.AIR_MOMENT, middle) if belief.constant[sx.AIRY] == 1.0 else 0.0
+    for j in range(belief.size.sines):
+        sine = belief.sines[j]
+        swept = sine[1] * h  # the mean over the step is sin(swept/2)/(swept/2) of the value at its middle
+        total += sine[0] * sin_of(sine[1] * middle + sine[2]) * (1.0 - swept * swept / 24.0)
+    theta, theta_dot, beta = x[0] + 0.5 * h * x[1], x[1], x[2] + 0.5 * h * x[3]
+    d = SLOPE_DIFFERENCE
+    work.known[:] = 0.0
+    for j in range(belief.size.known_terms):
+        code, c = belief.known_codes[j], belief.known_coefficient[j]
+        spread = math.sqrt(max(fil.p[code[5], code[5]], LEAST_SPREAD * LEAST_SPREAD))
+        total += c * term_value(code, theta, theta_dot, beta, spread)
+        work.known[0] += c * (term_value(code, theta + d, theta_dot, beta, spread)
+                              - term_value(code, theta - d, theta_dot, beta, spread)) / (2.0 * d)
+        work.known[1] += c * (term_value(code, theta, theta_dot + d, beta, spread)
+                              - term_value(code, theta, theta_dot - d, beta, spread)) / (2.0 * d)
+        work.known[2] += c * (term_value(code, theta, theta_dot, beta + d, spread)
+                              - term_value(code, theta, theta_dot, beta - d, spread)) / (2.0 * d)
+    cubic = belief.cubic[0]
+    if cubic != 0.0:
+        alpha = theta + known_air
+        for j in range(belief.size.nuisances):
+            role, nuisance = belief.role[j], x[sx.N_STATES + j]
+            if role == WALK or role == TURBULENCE:
+                alpha += nuisance
+            elif role == ATTITUDE_BIAS:
+                alpha -= nuisance
+        moment = cubic * alpha * alpha * alpha
+        total += believed_a6 * moment
+        work.known[0] += believed_a6 * (3.0 * cubic * alpha * alpha)
+        work.drive[0, belief.size.theta] += 0.5 * h * reach * (a6 * moment)
+        work.drive[1, belief.size.theta] += reach * (a6 * moment)
+    return total
+
+
+@inner
+def tilt_transitions(belief, fil, work, f, g):
+    """Add what the known acceleration's slopes do over the step to the transitions f, and g where it is another."""
+    h, reach, slope = fil.step[sv.STEP_PLACE], fil.step[sv.ANGLE_OF_RATE], work.known
+    row = (slope[0], slope[1] + 0.5 * h * slope[0], slope[2], 0.5 * h * slope[2])
+    for j in range(sx.N_STATES):
+        f[0, j] += 0.5 * h * reach * row[j]
+        f[1, j] += reach * row[j]
+        if belief.constant[sx.HELD] == 1.0:
+            g[0, j] += 0.5 * h * reach * row[j]
+            g[1, j] += reach * row[j]
+
+
+@inner
+def shape_command(belief, fil):
+    """The newest command passes play, lag and wash-out; a command that is not known moves none of them."""
+    u, h, path = fil.command[0], belief.constant[sx.CONTROLLER_PERIOD], belief.command
+    if np.isnan(u):
+        return
+    if path[HALF_WIDTH] > 0.0:
+        fil.shaped[HALF_WIDTH] = max(u - path[HALF_WIDTH], min(u + path[HALF_WIDTH], fil.shaped[HALF_WIDTH]))
+        u = fil.shaped[HALF_WIDTH]
+    for k in range(LAG, WASHOUT + 1):
+        if path[k] > 0.0:  # tau x' = u - x with u held: its mean over the period
+            left = exp_of(-h / path[k])
+            mean = u + (fil.shaped[k] - u) * (1.0 - left) * path[k] / h
+            fil.shaped[k] = u + (fil.shaped[k] - u) * left
+            u = mean if k == LAG else u - mean
+    fil.command[0] = u
