@@ -133,6 +133,7 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
     if config.formulation == "filtered" and not seen.foreign:
         said += profile_note(nominal, level.log_span(log)[1], log.path)
     result = identified(config, seen, weak, optional)
+    said += result.warnings
     if result.is_held:
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
     fitted = result.judged.fitted if weak else result.estimates

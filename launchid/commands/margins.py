@@ -91,7 +91,7 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_W
     warnings = (*checked_log.warnings, *servo_note(log, nominal, config))
     result = identified(config, checked_log)
     return of_identified(log, nominal, result.config, result.judged.estimates, result.estimator.changes(), tracked,
-                         warnings)
+                         (*warnings, *result.warnings))
 
 
 def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate],

@@ -63,6 +63,7 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = DEFAU
     -------
     UncertaintyLevel
     """
+    from ..judge.nominal import lines, tested
     from ..log.check import checked
     from ..robustness import level
     from ..sources import load_nominal, read_log
@@ -72,7 +73,8 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = DEFAU
         estimates = level.follow(seen, nominal, window)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    return UncertaintyLevel(seen.log, nominal, window, estimates, level.report(estimates), seen.warnings)
+    warnings = (*seen.warnings, *lines(seen, tested(seen, nominal, estimates)))
+    return UncertaintyLevel(seen.log, nominal, window, estimates, level.report(estimates), warnings)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from sim.nominal import Nominal
 from sim.sections import SERVO, Offsets
 
 from .. import progress
+from ..judge.nominal import NominalTest, lines, tested
 from ..log.check import CheckedLog
 from ..log.log import Log
 from ..log.rates import HELD_WORD
@@ -46,7 +47,7 @@ class Identified:
 
     log        as it was checked;  config  as it was used;  estimator  after the run, with its counters and changes
     estimates  of every window that closed, by the estimator;  judged  these after they were tested against the log
-    is_weak    whether the numbers in `judged` are the weak form's
+    is_weak    whether the numbers in `judged` are the weak form's;  told  what the log shows of the nominal
     """
 
     log: CheckedLog
@@ -55,6 +56,12 @@ class Identified:
     estimates: list[Estimate]
     judged: Judged
     is_weak: bool
+    told: NominalTest = NominalTest()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Lines on the nominal that a user should read."""
+        return lines(self.log, self.told)
 
     @property
     def is_held(self) -> bool:
@@ -77,7 +84,10 @@ def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional
     judged = judged_windows(seen, config, withdrawn(estimates) if is_filtered else estimates, is_weak, optional)
     if seen.foreign or (not is_filtered and seen.doubtful):
         judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])
-    return Identified(seen, config, estimator, estimates, judged, is_weak)
+    told = tested(seen, seen.nominal, judged.estimates) if is_filtered and seen.nominal is not None else NominalTest()
+    if told.is_other:
+        judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])
+    return Identified(seen, config, estimator, estimates, judged, is_weak, told)
 
 
 __all__ = ["MODELLED", "chosen_formulation", "identified", "log_config", "number", "onboard_model", "report",
@@ -295,6 +305,10 @@ def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
         said["why"] += f"; {reason}"
     if result.log.foreign:
         said["next"] = f"correct the log first: {result.log.foreign}"
+    elif result.warnings:
+        said["warnings"] = list(result.warnings)
+        if result.told.is_other:
+            said["next"] = "identify with the nominal of the vehicle that flew, or without one"
     if result.config.formulation == "filtered":
         return said
     if "next" not in said and result.log.doubtful:

@@ -38,7 +38,7 @@ class CheckedLog:
 
     log     to be used: NaN where the check found a bad value, rounded stamps on their grid, whole turns put back
     raw     as it was read;  faults  that were found;  mended  what was put right
-    data    the check's masks, and the rates at which columns were sampled
+    data    the check's masks, and the rates at which columns were sampled;  nominal  that it was checked with, or None
     """
 
     log: Log
@@ -46,6 +46,7 @@ class CheckedLog:
     faults: tuple[Fault, ...]
     mended: tuple[Fault, ...]
     data: DataCheck
+    nominal: Nominal | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -96,7 +97,7 @@ def checked(log: Log, nominal: Nominal | None = None, *, strict: bool = False,
     InputError if t is not in seconds or its rows are out of order; if `strict` and there is any fault; if
     `refuse_columns` and a column holds another quantity than its name says.
     """
-    made = examined(log, nominal or _unknown(log.period))
+    made = replace(examined(log, nominal or _unknown(log.period)), nominal=nominal)
     for fault in clock_faults(made.data):
         raise InputError(f"{log.path}: column t: {fault.message.removeprefix('t ')}")
     if made.line and (strict or (refuse_columns and made.foreign)):

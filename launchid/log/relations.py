@@ -114,7 +114,7 @@ def nozzle_fit(columns: Columns, command: str, nozzle: str, period: float, nomin
     """Fit `nozzle` = gain * (nominal actuator's response to `command`) + bias; NO_FIT if a column is missing."""
     if command not in columns or nozzle not in columns:
         return NO_FIT
-    answer = _actuated(columns[command], period, nominal)
+    answer = actuated(columns[command], period, nominal)
     rows = max(1, round(NOZZLE_BLOCK / period))
     return regress(block_means(columns[nozzle], rows), [block_means(answer, rows)])
 
@@ -158,7 +158,7 @@ def quick_size(rows: int) -> int:
     return int(1 << (rows - 1).bit_length())
 
 
-def _actuated(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
+def actuated(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
     """Return the nominal actuator's response (n,) to a command (n,); the command if it has none, or no damping."""
     actuator = nominal.actuator
     if actuator is None or not (actuator.is_first_order or actuator.damping_ratio > 0.0):

@@ -11,6 +11,7 @@ from sim.errors import InputError
 from sim.nominal import Nominal, Profile
 
 from ..identification.windows import number, onboard_model, run
+from ..judge.nominal import tested
 from ..log.check import CheckedLog
 from ..log.log import Log
 from ..shown import with_std
@@ -53,7 +54,8 @@ def require_cover(log: Log, nominal: Nominal, profile: Profile, section: str) ->
 
 def follow(seen: CheckedLog, nominal: Nominal, window: float) -> list[Estimate]:
     """Return an estimate with uncertainty level per window of `window` [s]; none is valid if columns hold another
-    quantity. InputError: a profile does not cover the log; ValueError: window out of range."""
+    quantity, or the nominal is of another vehicle. InputError: a profile does not cover the log; ValueError: window out
+    of range."""
     log = seen.log
     model = ranged_model(nominal, log.period, log.path)
     assert nominal.uncertainty is not None
@@ -62,7 +64,8 @@ def follow(seen: CheckedLog, nominal: Nominal, window: float) -> list[Estimate]:
     config = Config(window=window, sample_period=log.period, formulation="filtered", model=model,
                     max_gap=seen.bridged or None)
     estimates, _ = run(config, log.rows())
-    return [_unknown(estimate) for estimate in estimates] if seen.foreign else estimates
+    is_other = bool(seen.foreign) or tested(seen, nominal, estimates).is_other
+    return [_unknown(estimate) for estimate in estimates] if is_other else estimates
 
 
 def _unknown(estimate: Estimate) -> Estimate:

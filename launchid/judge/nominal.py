@@ -1,0 +1,194 @@
+"""Ask once for a log, before any window: is this the nominal of this vehicle?
+
+A nominal of another vehicle may be noisy enough to pass every window, whose numbers are then wrong. Five of its numbers
+are compared with what the log shows: the controller's period with that of the commands, its commands with the logged
+ones, the servo's speed with that from command to nozzle, and k1 and a6 of the first windows with their declared range.
+
+The vehicle's own numbers decide alone. A period, a controller or a servo that is another one is a doubt, for each of
+them may differ on the right vehicle too; two of them are another vehicle. Limits are beyond what a fault in flight does:
+a loss of thrust, a slow servo or a changed gain is a change of this vehicle, and is judged window by window.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from launchid_core import Estimate
+from sim.nominal import Nominal
+
+from ..log.check import CheckedLog
+from ..log.detect import related
+from ..log.rates import HELD_WORD, OWN, rate_of
+from ..log.relations import NO_FIT, actuated, control_fit
+from ..log.slope import Columns, block_means, regress
+from ..shown import with_std
+from .table import TESTS
+
+MANY = 0.25            # of the windows that tell: a nominal may be like another for a part of the flight
+FEWEST = 3             # windows outside, where others are inside
+RANGES = TESTS["a6 and k1 of the nominal"].limit  # of [uncertainty]
+OTHER_CONTROLLER = TESTS["commands of the nominal"].limit  # of its gains, either way
+OTHER_SERVO = TESTS["servo of the nominal"].limit  # of its speed, either way
+OTHER_PERIOD = TESTS["period of the nominal"].limit  # of its period, either way
+SURE = 3.0             # standard deviations of a window's a6 and k1
+UNSTATED = 3.0         # of a6 and k1 themselves, where no range is declared
+LEAST_CONTROL = 0.1    # of the nominal's k1, whatever range is declared
+LEAST_OF_LARGEST = 0.1  # of the largest of the profile: the range of a number near zero is no smaller
+SMALLEST = 1e-9        # 1/s^2: the range of a number that is 0 in all of the profile
+OTHERWISE = 0.5        # ranges: a number that is as far off is named
+PARAMETERS = ("a6", "k1")
+UNRELATED = 0.5        # of the variance of the commands, that a controller's own law explains at least
+SPEEDS = np.geomspace(1.0 / 8.0, 8.0, 13)  # of the servo, that are tried
+SERVO_BLOCK = 0.04     # s: about a servo's own time, over which the nozzle's noise is averaged
+FOLLOWS = 0.5          # of the variance of the nozzle's changes, that a servo of any speed explains at least
+DOUBTS = 2             # of period, commands and servo, that make another vehicle
+
+
+@dataclass(frozen=True)
+class NominalTest:
+    """What the comparison of a log with its nominal found.
+
+    decisive   numbers of the vehicle that do not fit, in words;  doubts  those of controller and servo
+    """
+
+    decisive: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def is_other(self) -> bool:
+        """Whether the nominal is of another vehicle, so that no window is valid."""
+        return bool(self.decisive) or len(self.doubts) >= DOUBTS
+
+    def line(self, nominal: Nominal) -> str:
+        """Return one line that says which numbers do not fit; "" if all do."""
+        said = "; ".join((*self.decisive, *self.doubts))
+        if not said:
+            return ""
+        if self.is_other:
+            return (f"{nominal.path or nominal.name} is not the nominal of this log: {said}: another vehicle, or other "
+                    "units? No window is valid; expected the nominal of the vehicle that flew")
+        return f"{nominal.path or nominal.name}: {said}: a6 and k1 do not rest on it; correct it"
+
+
+def tested(seen: CheckedLog, nominal: Nominal, estimates: Sequence[Estimate]) -> NominalTest:
+    """Compare a log with its nominal.
+
+    estimates  of the windows, by the filtered formulation with this nominal
+    """
+    times, columns = related(seen.log, seen.data.usable, seen.data.masks)
+    found = [_period(seen, nominal)]
+    if columns:
+        period = float(times[1] - times[0])
+        found += [_commands(columns, period, nominal, times), _servo(columns, period, nominal)]
+    return NominalTest(_own(nominal, estimates), tuple(filter(None, found)))
+
+
+def lines(seen: CheckedLog, told: NominalTest) -> tuple[str, ...]:
+    """Return one line, with the log's path, on a nominal that is not this log's; () if all of its numbers fit."""
+    line = told.line(seen.nominal) if seen.nominal is not None else ""
+    return (f"{seen.raw.path}: {line}",) if line else ()
+
+
+def _period(seen: CheckedLog, nominal: Nominal) -> str:
+    """Return in words that commands come at another period than the nominal's controller gives; "" if not."""
+    controller, log = nominal.controller, seen.log
+    if controller is None or "beta_cmd" not in log.columns:
+        return ""
+    rate = rate_of(log.t, log.beta_cmd)
+    known = np.isfinite(log.beta_cmd)
+    if rate.kind == OWN and np.mean(np.diff(log.beta_cmd[known]) != 0.0) > 0.5 \
+            and log.period * OTHER_PERIOD < controller.period:
+        own = log.period
+    elif rate.kind == HELD_WORD and rate.period > OTHER_PERIOD * controller.period:
+        own = rate.period
+    else:
+        return ""
+    return f"commands change every {own:.4g} s, the nominal's controller gives one every {controller.period:g} s"
+
+
+def _commands(columns: Columns, period: float, nominal: Nominal, times: np.ndarray) -> str:
+    """Return in words that the commands are not those of the nominal's controller; "" if they may be."""
+    controller = nominal.controller
+    if controller is None or controller.is_rate_law or period > OTHER_PERIOD * controller.period:
+        return ""
+    fit = control_fit(columns, "theta", "theta_ref", period, nominal, times)
+    if fit is NO_FIT:
+        return ""
+    if fit.explained < UNRELATED:
+        return "its controller's law explains none of the commands"
+    if not 1.0 / OTHER_CONTROLLER < fit.gain[0] < OTHER_CONTROLLER:
+        return f"the commands are {fit.gain[0]:.2g} times what its controller makes of theta"
+    return ""
+
+
+def _servo(columns: Columns, period: float, nominal: Nominal) -> str:
+    """Return in words that the nozzle follows its command with another servo's speed; "" if not."""
+    servo = nominal.actuator
+    if servo is None or not {"beta", "beta_cmd"} <= set(columns):
+        return ""
+    rows = max(1, round(SERVO_BLOCK / period))
+    moved = np.diff(block_means(columns["beta"], rows))
+
+    def explained(speed: float) -> float:
+        faster = replace(servo, natural_frequency=speed * servo.natural_frequency,
+                         time_constant=servo.time_constant / speed, delay=servo.delay / speed)
+        answer = actuated(columns["beta_cmd"], period, replace(nominal, actuator=faster))
+        return regress(moved, [np.diff(block_means(answer, rows))]).explained
+
+    told = [explained(float(speed)) for speed in SPEEDS]
+    best = int(np.argmax(told))
+    late = servo.lag + servo.delay
+    if told[best] < FOLLOWS or 1.0 / OTHER_SERVO <= SPEEDS[best] <= OTHER_SERVO or late < period:
+        return ""
+    return (f"the nozzle follows its command after about {1e3 * late / SPEEDS[best]:.2g} ms, the nominal's servo after "
+            f"{1e3 * late:.2g} ms")
+
+
+def _own(nominal: Nominal, estimates: Sequence[Estimate]) -> tuple[str, ...]:
+    """Return in words that a6 and k1 of more than MANY of the windows before any sudden change are together outside of
+    RANGES times their declared range; () if not."""
+    beyond, within = list[Estimate](), 0
+    for e in estimates:
+        if e.status.name == "CHANGE":
+            break
+        if e.valid and math.isfinite(e.a6_std + e.k1_std):
+            off, std = _ranges_off(nominal, e)
+            if float(np.linalg.norm(np.maximum(np.abs(off) - SURE * std, 0.0))) > RANGES:
+                beyond.append(e)
+            elif float(np.linalg.norm(np.abs(off) + SURE * std)) <= RANGES:
+                within += 1
+    if not len(beyond) > MANY * (len(beyond) + within) or (within and len(beyond) < FEWEST):
+        return ()
+    e = min(beyond, key=lambda each: float(np.linalg.norm(_ranges_off(nominal, each)[1])))
+    off, std = _ranges_off(nominal, e)
+    counts = np.abs(off) - SURE * std > OTHERWISE
+    return tuple(_share(name, nominal, e) for name, is_off in zip(PARAMETERS, counts.tolist(), strict=True) if is_off)
+
+
+def _believed(nominal: Nominal, e: Estimate) -> np.ndarray:
+    """Return a6 and k1 (2,) of the nominal in the middle of a window."""
+    return np.ravel(nominal.vehicle.at(np.array([0.5 * (e.t_start + e.t_end)])))
+
+
+def _ranges_off(nominal: Nominal, e: Estimate) -> tuple[np.ndarray, np.ndarray]:
+    """Return by how many of their ranges a6 and k1 of a window differ from the nominal (2,), and the deviations (2,).
+
+    Of a k1 that is LEAST_CONTROL of the nominal's, or of the other sign, the range is no wider than to there.
+    """
+    believed, middle = _believed(nominal, e), np.array([0.5 * (e.t_start + e.t_end)])
+    largest = np.array([np.max(np.abs(nominal.vehicle.a6)), np.max(np.abs(nominal.vehicle.k1))])
+    sigma = np.full(2, UNSTATED / RANGES) if nominal.uncertainty is None else np.ravel(nominal.uncertainty.at(middle))
+    value, std = np.array([e.a6, e.k1]), np.array([e.a6_std, e.k1_std])
+    if value[1] * np.sign(believed[1]) < LEAST_CONTROL * abs(believed[1]):
+        sigma[1] = min(sigma[1], (1.0 - LEAST_CONTROL) / RANGES)
+    scale = np.maximum(sigma * np.maximum(np.abs(believed), LEAST_OF_LARGEST * largest), SMALLEST)
+    return (value - believed) / scale, std / scale
+
+
+def _share(name: str, nominal: Nominal, e: Estimate) -> str:
+    """Return in words what share of the nominal's a6 or k1 a window has."""
+    value, std, believed = getattr(e, name), getattr(e, f"{name}_std"), _believed(nominal, e)[PARAMETERS.index(name)]
+    share = f"{value / believed:.2g} of the nominal's {believed:.4g}" if believed else "0 in the nominal"
+    return f"{name} is {share} ({with_std(value, std)} 1/s^2 from {e.t_start:g} to {e.t_end:g} s)"
