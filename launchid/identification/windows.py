@@ -16,7 +16,7 @@ from sim.nominal import Nominal
 from sim.sections import SERVO, Offsets
 
 from .. import progress
-from ..judge.nominal import NominalTest, lines, tested
+from ..judge.nominal import FITS, NominalTest, lines, tested
 from ..log.check import CheckedLog
 from ..log.log import Log
 from ..log.rates import HELD_WORD
@@ -56,7 +56,7 @@ class Identified:
     estimates: list[Estimate]
     judged: Judged
     is_weak: bool
-    told: NominalTest = NominalTest()
+    told: NominalTest = FITS
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -84,7 +84,7 @@ def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional
     judged = judged_windows(seen, config, withdrawn(estimates) if is_filtered else estimates, is_weak, optional)
     if seen.foreign or (not is_filtered and seen.doubtful):
         judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])
-    told = tested(seen, seen.nominal, judged.estimates) if is_filtered and seen.nominal is not None else NominalTest()
+    told = tested(seen, seen.nominal, judged.estimates) if is_filtered else FITS
     if told.is_other:
         judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])
     return Identified(seen, config, estimator, estimates, judged, is_weak, told)

@@ -5,13 +5,13 @@ are compared with what the log shows: the controller's period with that of the c
 ones, the servo's speed with that from command to nozzle, and k1 and a6 of the first windows with their declared range.
 
 The vehicle's own numbers decide alone. A period, a controller or a servo that is another one is a doubt, for each of
-them may differ on the right vehicle too; two of them are another vehicle. Limits are beyond what a fault in flight does:
-a loss of thrust, a slow servo or a changed gain is a change of this vehicle, and is judged window by window.
+them may differ on the right vehicle too; two of them are another vehicle. Limits are beyond what a fault in flight
+does: a loss of thrust, a slow servo or a changed gain is a change of this vehicle, and is judged window by window.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,19 +19,13 @@ from launchid_core import Estimate
 from sim.nominal import Nominal
 
 from ..log.check import CheckedLog
-from ..log.detect import related
-from ..log.rates import HELD_WORD, OWN, rate_of
-from ..log.relations import NO_FIT, actuated, control_fit
-from ..log.slope import Columns, block_means, regress
+from ..log.loop import loop_of
 from ..shown import with_std
 from .table import TESTS
 
 MANY = 0.25            # of the windows that tell: a nominal may be like another for a part of the flight
 FEWEST = 3             # windows outside, where others are inside
 RANGES = TESTS["a6 and k1 of the nominal"].limit  # of [uncertainty]
-OTHER_CONTROLLER = TESTS["commands of the nominal"].limit  # of its gains, either way
-OTHER_SERVO = TESTS["servo of the nominal"].limit  # of its speed, either way
-OTHER_PERIOD = TESTS["period of the nominal"].limit  # of its period, either way
 SURE = 3.0             # standard deviations of a window's a6 and k1
 UNSTATED = 3.0         # of a6 and k1 themselves, where no range is declared
 LEAST_CONTROL = 0.1    # of the nominal's k1, whatever range is declared
@@ -40,9 +34,6 @@ SMALLEST = 1e-9        # 1/s^2: the range of a number that is 0 in all of the pr
 OTHERWISE = 0.5        # ranges: a number that is as far off is named
 PARAMETERS = ("a6", "k1")
 UNRELATED = 0.5        # of the variance of the commands, that a controller's own law explains at least
-SPEEDS = np.geomspace(1.0 / 8.0, 8.0, 13)  # of the servo, that are tried
-SERVO_BLOCK = 0.04     # s: about a servo's own time, over which the nozzle's noise is averaged
-FOLLOWS = 0.5          # of the variance of the nozzle's changes, that a servo of any speed explains at least
 DOUBTS = 2             # of period, commands and servo, that make another vehicle
 
 
@@ -72,17 +63,17 @@ class NominalTest:
         return f"{nominal.path or nominal.name}: {said}: a6 and k1 do not rest on it; correct it"
 
 
-def tested(seen: CheckedLog, nominal: Nominal, estimates: Sequence[Estimate]) -> NominalTest:
-    """Compare a log with its nominal.
+FITS = NominalTest()   # nothing that does not fit
+
+
+def tested(seen: CheckedLog, nominal: Nominal | None, estimates: Sequence[Estimate]) -> NominalTest:
+    """Compare a log with its nominal; a log with a column of another quantity is not asked.
 
     estimates  of the windows, by the filtered formulation with this nominal
     """
-    times, columns = related(seen.log, seen.data.usable, seen.data.masks)
-    found = [_period(seen, nominal)]
-    if columns:
-        period = float(times[1] - times[0])
-        found += [_commands(columns, period, nominal, times), _servo(columns, period, nominal)]
-    return NominalTest(_own(nominal, estimates), tuple(filter(None, found)))
+    if nominal is None or seen.foreign:
+        return FITS
+    return NominalTest(_own(nominal, estimates), tuple(_loop(seen, nominal)))
 
 
 def lines(seen: CheckedLog, told: NominalTest) -> tuple[str, ...]:
@@ -91,59 +82,26 @@ def lines(seen: CheckedLog, told: NominalTest) -> tuple[str, ...]:
     return (f"{seen.raw.path}: {line}",) if line else ()
 
 
-def _period(seen: CheckedLog, nominal: Nominal) -> str:
-    """Return in words that commands come at another period than the nominal's controller gives; "" if not."""
-    controller, log = nominal.controller, seen.log
-    if controller is None or "beta_cmd" not in log.columns:
-        return ""
-    rate = rate_of(log.t, log.beta_cmd)
-    known = np.isfinite(log.beta_cmd)
-    if rate.kind == OWN and np.mean(np.diff(log.beta_cmd[known]) != 0.0) > 0.5 \
-            and log.period * OTHER_PERIOD < controller.period:
-        own = log.period
-    elif rate.kind == HELD_WORD and rate.period > OTHER_PERIOD * controller.period:
-        own = rate.period
-    else:
-        return ""
-    return f"commands change every {own:.4g} s, the nominal's controller gives one every {controller.period:g} s"
+def _loop(seen: CheckedLog, nominal: Nominal) -> Iterator[str]:
+    """Yield in words each of period, commands and servo that is not the nominal's."""
+    loop = loop_of(seen, nominal)
+    controller, servo = nominal.controller, nominal.actuator
+    if controller is not None and not _near(loop.period / controller.period, TESTS["period of the nominal"].limit):
+        yield (f"commands change every {loop.period:.4g} s, the nominal's controller gives one every "
+               f"{controller.period:g} s")
+    if loop.explained < UNRELATED:
+        yield "its controller's law explains none of the commands"
+    elif not _near(loop.gain, TESTS["commands of the nominal"].limit):
+        yield f"the commands are {loop.gain:.2g} times what its controller makes of theta"
+    if servo is not None and not _near(loop.speed, TESTS["servo of the nominal"].limit):
+        late = 1e3 * (servo.lag + servo.delay)
+        yield (f"the nozzle follows its command after about {late / loop.speed:.2g} ms, the nominal's servo after "
+               f"{late:.2g} ms")
 
 
-def _commands(columns: Columns, period: float, nominal: Nominal, times: np.ndarray) -> str:
-    """Return in words that the commands are not those of the nominal's controller; "" if they may be."""
-    controller = nominal.controller
-    if controller is None or controller.is_rate_law or period > OTHER_PERIOD * controller.period:
-        return ""
-    fit = control_fit(columns, "theta", "theta_ref", period, nominal, times)
-    if fit is NO_FIT:
-        return ""
-    if fit.explained < UNRELATED:
-        return "its controller's law explains none of the commands"
-    if not 1.0 / OTHER_CONTROLLER < fit.gain[0] < OTHER_CONTROLLER:
-        return f"the commands are {fit.gain[0]:.2g} times what its controller makes of theta"
-    return ""
-
-
-def _servo(columns: Columns, period: float, nominal: Nominal) -> str:
-    """Return in words that the nozzle follows its command with another servo's speed; "" if not."""
-    servo = nominal.actuator
-    if servo is None or not {"beta", "beta_cmd"} <= set(columns):
-        return ""
-    rows = max(1, round(SERVO_BLOCK / period))
-    moved = np.diff(block_means(columns["beta"], rows))
-
-    def explained(speed: float) -> float:
-        faster = replace(servo, natural_frequency=speed * servo.natural_frequency,
-                         time_constant=servo.time_constant / speed, delay=servo.delay / speed)
-        answer = actuated(columns["beta_cmd"], period, replace(nominal, actuator=faster))
-        return regress(moved, [np.diff(block_means(answer, rows))]).explained
-
-    told = [explained(float(speed)) for speed in SPEEDS]
-    best = int(np.argmax(told))
-    late = servo.lag + servo.delay
-    if told[best] < FOLLOWS or 1.0 / OTHER_SERVO <= SPEEDS[best] <= OTHER_SERVO or late < period:
-        return ""
-    return (f"the nozzle follows its command after about {1e3 * late / SPEEDS[best]:.2g} ms, the nominal's servo after "
-            f"{1e3 * late:.2g} ms")
+def _near(ratio: float, limit: float) -> bool:
+    """Whether a ratio is 1 within a factor `limit`, or not known."""
+    return not (ratio > limit or ratio < 1.0 / limit)
 
 
 def _own(nominal: Nominal, estimates: Sequence[Estimate]) -> tuple[str, ...]:

@@ -25,8 +25,8 @@ TESTS = {
     # of a log and its nominal (`nominal`)
     "a6 and k1 of the nominal": Test(
         "the nominal is of this vehicle",
-        "norm of what a6 and k1 of the first windows differ by, each over its [uncertainty] and less 3 deviations", 3.0,
-        "declared ranges", "right flights with every fault of the catalogue: none beyond (benchmarks/regimes.py faults)"),
+        "norm of what a6 and k1 of windows before a change differ by, over [uncertainty], less 3 deviations", 3.0,
+        "declared ranges", "right flights with every fault of the catalogue: none beyond (benchmarks/regimes.py)"),
     "period of the nominal": Test(
         "the commands are its controller's", "period at which beta_cmd changes over the controller's", 1.5,
         "times, either way", "a period is never half as long or twice by a fault"),

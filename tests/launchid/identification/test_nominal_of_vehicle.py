@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from every import every
 
 from launchid import identify, uncertainty
 from launchid.log.log import flown_log
 from sim.effects import from_text
 from sim.flight import fly_whole
 from sim.nominal import Nominal, Profile, built_in, constant_profile, load_nominal
-from tests.every import every
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
