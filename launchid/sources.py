@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import os
 import re
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar, Union, runt
 import numpy.typing as npt
 
 from launchid.argument_checks import several
+from launchid.log.cut import Bound, cut_log
 from launchid.log.log import REQUIRED, Log, log_of
 from launchid.log.log import read_log as read_file
 from sim import nominal as nominals
@@ -54,18 +56,27 @@ RENAMED_OPTIONS = {"effect": "effects"}  # of options whose parameter has anothe
 
 
 def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
-             map: str | os.PathLike[str] | None = None) -> Log:
+             map: str | os.PathLike[str] | None = None, from_: Bound = None, to: Bound = None) -> Log:
     """Return a log from a path, data frame, mapping of arrays, log, or result that has one.
 
     required  columns that it must have, else InputError
     map       MAP.toml for a path to a ULog, MCAP, MAT, HDF5, Parquet or other CSV file
+    from_, to first and last time [s of the log's own time] of its rows; "start", "end": all of them, whatever its
+              phases; None: the phase in which beta moves the vehicle, if the log has others
     """
     if map is not None:
         from launchid.commands.convert import convert
         from launchid.convert.mapping import load_map
-        return warned(convert(str(as_path(source)), load_map(as_path(map)), required)).log
+        mapping = load_map(as_path(map))
+        mapping = dataclasses.replace(mapping, cut=mapping.cut.but(from_, to, ("from_", "to")))
+        return warned(convert(str(as_path(source)), mapping, required)).log
+    return cut_log(_read(source, required), from_, to, ("from_", "to"))
+
+
+def _read(source: LogSource, required: tuple[str, ...]) -> Log:
+    """Return the whole log of a source."""
     if isinstance(source, Log):
-        return log_of(source.measured(), source.path, required)
+        return dataclasses.replace(log_of(source.measured(), source.path, required), is_chosen=source.is_chosen)
     if isinstance(source, (str, os.PathLike)):
         as_path(source)
         from launchid.convert.readers import refuse_foreign

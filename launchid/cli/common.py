@@ -1,6 +1,8 @@
 """Steps that the commands share: read inputs and print notes on them, refuse outputs early, print a result."""
 
-from typing import TYPE_CHECKING
+import argparse
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from sim.errors import UsageError
 from sim.files import check_folder, check_output, write_text
@@ -54,14 +56,26 @@ def at_least(name: str, value: int, low: int) -> None:
         raise UsageError(f"{name} {value}: expected an integer of at least {low}")
 
 
-def read_noting(path: str, *required: str, map_path: str | None = None) -> "Log":
-    """Read a log (of another format with the map at `map_path`), and print on stderr which columns were ignored."""
+def reading(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the parsed options that say how a log is read (`options.add_map`), as keywords of `read_noting`."""
+    return {"map_path": args.map, "from_": args.from_, "to": args.to}
+
+
+def read_noting(path: str, *required: str, map_path: str | None = None, from_: str | None = None,
+                to: str | None = None) -> "Log":
+    """Read a log (of another format with the map at `map_path`), and print on stderr which columns were ignored.
+
+    from_, to  first and last time [s] of the rows that are used, as texts; None: all, or what the map says
+    """
+    from ..log.cut import cut_log
     from ..log.log import REQUIRED, read_log
     report(f"reading {path}")
     if map_path:
         from ..commands.convert import convert
         from ..convert.mapping import load_map
-        converted = convert(path, load_map(map_path), required or REQUIRED)
+        mapping = load_map(map_path)
+        mapping = replace(mapping, cut=mapping.cut.but(from_, to))
+        converted = convert(path, mapping, required or REQUIRED)
         warn(converted)
         return converted.log
     from ..convert.readers import refuse_foreign
@@ -69,7 +83,7 @@ def read_noting(path: str, *required: str, map_path: str | None = None) -> "Log"
     log = read_log(path, required or REQUIRED)
     if log.ignored:
         say(f"{path}: columns ignored: {', '.join(ascii(name)[1:-1] for name in log.ignored)}")
-    return log
+    return cut_log(log, from_, to)
 
 
 def read_nominal(path: str) -> "Nominal":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sim.errors import UsageError
 
 from ..argument_checks import integer
-from ..cli.common import at_least, check_outputs, read_nominal, read_noting, tell
+from ..cli.common import at_least, check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict, given
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run `launchid compare` with its parsed arguments: print the comparison, and write what options ask for."""
     at_least("--flights", args.flights, 0)
-    log = read_noting(args.log, map_path=args.map)
+    log = read_noting(args.log, **reading(args))
     nominals = [read_nominal(path) for path in args.nominals]
     check_outputs(args.json, plots=(args.plot,), folder=args.report)
     result = compare(log, *nominals, **given(compare, args))

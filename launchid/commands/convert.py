@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -44,6 +45,7 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("convert: expected --map MAP.toml and --out LOG.csv, or --list")
     from ..convert.mapping import load_map
     mapping = load_map(args.map) if args.map else None
+    mapping = mapping and dataclasses.replace(mapping, cut=mapping.cut.but(args.from_, args.to))
     if args.list:
         lines, notes = channel_lines(args.flight, mapping.options if mapping else {})
         for note in notes:

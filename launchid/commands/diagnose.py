@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..argument_checks import integer, word
-from ..cli.common import at_least, check_outputs, read_nominal, read_noting, tell
+from ..cli.common import at_least, check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import (
     LOG_HELP,
     NOISE_CHOICES,
@@ -57,8 +57,8 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run `launchid diagnose` with its parsed arguments: print the diagnosis, and write what options ask for."""
     at_least("--bootstrap", args.bootstrap, 0)
-    log, nominal = read_noting(args.log, "t", map_path=args.map), read_nominal(args.nominal)
-    holdout = read_noting(args.holdout, "t", map_path=args.map) if args.holdout else None
+    log, nominal = read_noting(args.log, "t", **reading(args)), read_nominal(args.nominal)
+    holdout = read_noting(args.holdout, "t", **reading(args)) if args.holdout else None
     check_outputs(args.json, folder=args.report)
     args.holdout = holdout
     result = diagnose(log, nominal, **given(diagnose, args))

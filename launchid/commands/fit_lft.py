@@ -11,7 +11,7 @@ from sim.errors import InputError, UsageError
 
 from .. import progress
 from ..argument_checks import real
-from ..cli.common import check_outputs, read_nominal, read_noting, warn
+from ..cli.common import check_outputs, read_nominal, read_noting, reading, warn
 from ..cli.options import add_command, add_map, add_strict, given
 from ..cli.terminal import answer
 from ..results.answer import Answer, flat
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
         if not 0.0 < value < 1.0:
             raise UsageError(f"{name} {value!r}: expected a number between 0 and 1")
     nominal = read_nominal(nominal_path)
-    logs = [read_noting(path, map_path=args.map) for path in paths]
+    logs = [read_noting(path, **reading(args)) for path in paths]
     check_outputs(args.out)
     result = fit_lft(logs, nominal, **given(fit_lft, args))
     result.write(args.out)

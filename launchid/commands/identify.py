@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sim.errors import UsageError
 
 from ..argument_checks import DEFAULT_WINDOW, real
-from ..cli.common import check_outputs, read_nominal, read_noting, tell
+from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import (
     LOG_HELP,
     NOMINAL_HELP,
@@ -62,7 +62,7 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid identify` with its parsed arguments: print the windows, and write what options ask for."""
-    log = read_noting(args.log, map_path=args.map)
+    log = read_noting(args.log, **reading(args))
     source = nominal_of(args)
     nominal = read_nominal(source) if source else None
     check_outputs(args.json, plots=(args.plot, args.resid), folder=args.report)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..argument_checks import DEFAULT_WINDOW
-from ..cli.common import check_outputs, read_nominal, read_noting, tell
+from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict, given
 from ..results.answer import Answer, flat
 
@@ -43,7 +43,7 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid margins` with its parsed arguments: print the margins, and write what options ask for."""
-    log = read_noting(args.log, map_path=args.map)
+    log = read_noting(args.log, **reading(args))
     nominal = read_nominal(args.nominal)
     check_outputs(args.json, plots=(args.plot,), folder=args.report)
     result = margins(log, nominal, **given(margins, args))

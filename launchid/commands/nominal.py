@@ -7,7 +7,7 @@ from typing import Any
 from sim.errors import InputError
 from sim.files import write_text
 
-from ..cli.common import check_outputs, read_noting
+from ..cli.common import check_outputs, read_noting, reading
 from ..cli.options import LOG_HELP, add_command, add_map, add_outputs
 from ..cli.terminal import answer
 
@@ -26,7 +26,7 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid nominal` with its parsed arguments: write the first nominal, and print it."""
-    log = read_noting(args.log, "t", map_path=args.map)
+    log = read_noting(args.log, "t", **reading(args))
     check_outputs(args.out, args.json)
     from ..first_nominal import first, lines, report, write
     result = first(log)

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..cli.common import check_outputs, read_noting
+from ..cli.common import check_outputs, read_noting, reading
 from ..cli.options import LOG_HELP, add_command, add_map
 from ..cli.terminal import answer, say
 
@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid show` with its parsed arguments: draw the logs, and print what the data check finds."""
-    logs = [read_noting(path, "t", map_path=args.map) for path in args.logs]
+    logs = [read_noting(path, "t", **reading(args)) for path in args.logs]
     is_page = Path(args.out).suffix.lower() in (".html", ".htm")
     check_outputs(args.out)
     from sim.canvas import check_suffix, save

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from sim.errors import UsageError
 
 from ..argument_checks import DEFAULT_WINDOW
-from ..cli.common import check_outputs, read_nominal, read_noting, tell
+from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict, given
 from ..results.answer import Answer, flat
 
@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid uncertainty` with its parsed arguments: print the levels, and write what options ask for."""
-    log = read_noting(args.log, map_path=args.map)
+    log = read_noting(args.log, **reading(args))
     nominal = read_nominal(args.nominal)
     check_outputs(args.json, plots=(args.plot,))
     tell(uncertainty(log, nominal, **given(uncertainty, args)), args.json, args.plot)

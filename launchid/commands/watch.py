@@ -1,6 +1,7 @@
 """Identify live, from a growing log or a socket: `launchid watch`."""
 
 import argparse
+from dataclasses import replace
 from typing import Any
 
 from launchid_core import NOISE_LEVELS
@@ -45,12 +46,15 @@ def run(args: argparse.Namespace) -> None:
 
     from ..convert.mapping import load_map
     from ..convert.readers import foreign_format, refuse_foreign
+    from ..log.cut import WHOLE
     from ..watch.sources import Source, Whole, open_source
     from .convert import convert
     if not 0 <= args.http < 1 << 16:
         raise UsageError(f"--http {args.http}: expected a port of 0 (any free one) to 65535")
     nominal = read_nominal(nominal_of(args) or "")
     mapping = load_map(args.map) if args.map else None
+    cut = (mapping.cut if mapping else WHOLE).but(args.from_, args.to)
+    mapping = mapping and replace(mapping, cut=cut)
     source: Source
     if mapping is not None and (foreign := foreign_format(args.source)):
         if not args.once:
@@ -65,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
     check_outputs(args.json)
     from ..watch.session import watch
     result = watch(source, nominal, window=args.window, period=args.period, noise=args.noise,
-                   strict=args.strict, mapping=mapping, http=args.http, say=say)
+                   strict=args.strict, mapping=mapping, cut=cut, http=args.http, say=say)
     tell(result, args.json)
     if result.interrupted:
         raise KeyboardInterrupt

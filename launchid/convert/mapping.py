@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from sim.csv_text import shown
-from sim.errors import InputError
+from sim.errors import InputError, UsageError
 from sim.files import reads
 
+from ..log.cut import END, START, WHOLE, Cut
 from ..log.log import OPTIONAL, REQUIRED, SHORTEST_STEP
 from .text import HEAD_LINES
 
@@ -60,6 +61,7 @@ class Map:
     clock    column whose rows are the log's; None: the slower of theta and beta
     options  of a text file, see `text.read_text`
     period   [s] of rows without stamps; None: they have stamps
+    cut      the rows that are used, of the log's own time
     """
 
     path: str
@@ -70,6 +72,7 @@ class Map:
     clock: str | None
     options: dict[str, Any]
     period: float | None = None
+    cut: Cut = WHOLE
 
     def channels(self) -> frozenset[str]:
         """Return the names of all channels that the map can need of a file: of its sources and their stamps."""
@@ -142,7 +145,7 @@ class _Reader:
         return number
 
     def map(self) -> Map:
-        self.section("map", self.table, ("time", "columns", "file"))
+        self.section("map", self.table, ("time", "columns", "file", "cut"))
         columns = self.section("columns", self.table.get("columns", {}), REQUIRED[1:] + OPTIONAL)
         time = self.section("time", self.table.get("time", {}), ("name", "unit", "origin", "clock", "period", "format"))
         if not columns:
@@ -162,7 +165,18 @@ class _Reader:
             units=TIME_UNITS[self.word("time", time, "unit", tuple(TIME_UNITS), "s")],
             from_first=self.word("time", time, "origin", ("first", "file"), "first") == "first",
             clock=self.word("time", time, "clock", tuple(names), None),
-            options=options, period=period)
+            options=options, period=period, cut=self.cut())
+
+    def cut(self) -> Cut:
+        """Return the rows that [cut] chooses: from, to [s], or "start" and "end"."""
+        ends = self.section("cut", self.table.get("cut", {}), ("from", "to"))
+        for key, value in ends.items():
+            if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+                raise self.fail(f"cut.{key}", value, f'a time in s, or "{START if key == "from" else END}"')
+        try:
+            return WHOLE.but(ends.get("from"), ends.get("to"), ("cut.from", "cut.to"))
+        except UsageError as error:
+            raise InputError(f"{self.path}: {error}") from None
 
     def period(self, time: dict[str, Any]) -> float | None:
         """Return the period [s] of rows without stamps; None if [time] names a channel of stamps."""

@@ -59,6 +59,7 @@ class Log(Result):
     gamma: np.ndarray = None     # type: ignore[assignment]  # left out: not measured, as the next two
     alpha: np.ndarray = None     # type: ignore[assignment]
     rate_ref: np.ndarray = None  # type: ignore[assignment]
+    is_chosen: bool = False    # a user chose its rows (`log.cut`), so that no phase of it is chosen for him
 
     def __post_init__(self) -> None:
         for name in ("gamma", "alpha", "rate_ref"):
@@ -233,8 +234,8 @@ def _made(path: str, values: dict[str, np.ndarray], required: tuple[str, ...], i
 def log_of_values(path: str, values: dict[str, np.ndarray], ignored: tuple[str, ...] = ()) -> Log:
     """Return a log of columns name -> (n,), even if no row of it can be used; absent ones are NaN."""
     nothing = np.full(len(values["t"]), math.nan)
-    missing = {name: nothing for name in REQUIRED + OPTIONAL if name not in values}
-    return Log(path=path, columns=tuple(values), ignored=ignored, **values, **missing)
+    arrays: dict[str, Any] = values | {name: nothing for name in REQUIRED + OPTIONAL if name not in values}
+    return Log(path=path, columns=tuple(values), ignored=ignored, **arrays)
 
 
 def log_of(columns: Any, path: str = "log", required: tuple[str, ...] = REQUIRED) -> Log:

@@ -12,6 +12,7 @@ from ..argument_checks import DEFAULT_WINDOW
 from ..convert.mapping import Map
 from ..identification.windows import table
 from ..log.check import profile_note
+from ..log.cut import WHOLE, Cut
 from ..results.answer import Answer, flat
 from .follower import Follower
 from .lines import Lines
@@ -39,13 +40,13 @@ class Watched(Answer):
 
 
 def watch(source: Source, nominal: Nominal, *, window: float = DEFAULT_WINDOW, period: float | None = None,
-          noise: str = "estimated", strict: bool = False, mapping: Map | None = None, http: int = 0,
-          say: Callable[[str], None] = lambda text: None) -> Watched:
+          noise: str = "estimated", strict: bool = False, mapping: Map | None = None, cut: Cut = WHOLE,
+          http: int = 0, say: Callable[[str], None] = lambda text: None) -> Watched:
     """Follow a source, serve its page until it ends or Ctrl-C comes, and return the result.
 
     window, period   [s] of the estimator; period None: told by the first rows
     strict           raise InputError where the data check of the rows so far finds a fault
-    mapping          map of rows with other names and units
+    mapping          map of rows with other names and units;  cut  the rows that are used
     http             port of the page on the loopback; 0: any free one
     say              called with lines for the user: the page's address, rows that cannot be read
     Raise KeyboardInterrupt if Ctrl-C comes before the estimator has begun.
@@ -57,7 +58,7 @@ def watch(source: Source, nominal: Nominal, *, window: float = DEFAULT_WINDOW, p
     interrupted = False
     try:
         follower.prepare()
-        follow(source, lines, follower)
+        follow(source, lines, follower, cut)
     except KeyboardInterrupt:
         interrupted = True
         if follower.estimator is None:
@@ -72,13 +73,14 @@ def watch(source: Source, nominal: Nominal, *, window: float = DEFAULT_WINDOW, p
     return Watched(source.name, answer, interrupted, profile_note(nominal, last, source.name))
 
 
-def follow(source: Source, lines: Lines, follower: Follower) -> None:
-    """Feed the follower every row of a source until it ends, and refresh the page's numbers after each piece."""
+def follow(source: Source, lines: Lines, follower: Follower, cut: Cut = WHOLE) -> None:
+    """Feed the follower every row of a source (within the cut) until it ends, and refresh the page after each piece."""
     for piece in source.pieces():
         if piece is None:
             lines.begin_anew()
         else:
-            for log in lines.logs(piece):
-                follower.take(log)
+            for log in map(cut.of, lines.logs(piece)):
+                if len(log.t):
+                    follower.take(log)
         follower.tick("following", lines.malformed, lines.last)
     follower.end()
