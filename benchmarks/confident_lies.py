@@ -23,9 +23,9 @@ import numpy as np
 from flights import OFFSETS, WIND, Table, arguments, nominal, run_jobs
 
 from launchid.diagnosis.answer import report
-from launchid.diagnosis.estimate import information
 from launchid.diagnosis.verdict import diagnose
 from launchid.identification.windows import onboard_model, run
+from launchid.likelihood.estimate import information
 from launchid.log.log import flown_log
 from launchid.weakform.windows import withdrawn
 from launchid_core import Config, EstimateStatus
@@ -53,9 +53,9 @@ def limits(name: str) -> tuple[tuple[str, bool], ...]:
     made = diagnose(flown_log(fly_whole(nominal(name), REFERENCE_SEED)), nominal(name))
     m, full = made.model, made.elimination.full
     inverse = np.linalg.inv(information(m, full))
-    own = [m.index(each) for each in ("a6", "k1") if each in m.names]
+    own = [m.table.index(each) for each in ("a6", "k1") if each in m.table]
     found = []
-    for j, number in enumerate(m.numbers):
+    for j, number in enumerate(m.table.numbers):
         limit = report(made)["limits"].get(number.cause)
         if limit is None or limit["parameter"] != number.parameter or limit["size"] is None:
             continue

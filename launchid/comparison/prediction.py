@@ -15,6 +15,7 @@ there); L. Ljung, System Identification Toolbox, `compare` (the fit).
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,13 +25,13 @@ from sim.nominal import Nominal
 
 from ..controller.command import record
 from ..controller.issued import with_commands
-from ..diagnosis import filter as ekf
-from ..diagnosis.adapter import follow, track_of
-from ..diagnosis.candidates import usual
+from ..diagnosis.adapter import follow
 from ..diagnosis.data.record import CHANNELS, Record
 from ..diagnosis.data.used import shortened, sparser, used
-from ..diagnosis.estimate import gauss_newton
 from ..diagnosis.model import Model
+from ..diagnosis.track import track_of
+from ..likelihood.estimate import gauss_newton
+from ..likelihood.likelihood import LEVELS, Run, predict, run
 from ..log.detect import DataCheck
 from ..log.log import Log
 
@@ -65,7 +66,7 @@ def predictions(log: Log, nominal: Nominal, data: DataCheck) -> Predictions:
     log, nominal  as read;  data: the data check of the log with this nominal
     """
     r = _record(log, nominal, data)
-    m = _filtered(r)
+    filtered = _filtered(r)
     spacing = max(1, round(SPACING / r.period))
     rows = {h: round(h / r.period) for h in HORIZONS
             if abs(round(h / r.period) * r.period / h - 1.0) <= HORIZON_TOLERANCE}
@@ -73,7 +74,7 @@ def predictions(log: Log, nominal: Nominal, data: DataCheck) -> Predictions:
         return {}
     most = max(rows.values())
     start = np.arange(0, r.rows - 1, spacing)
-    errors, variances = m.ahead(start, np.arange(1, most + 1))
+    errors, variances = predict(filtered, start, np.arange(1, most + 1))
     ahead = start[:, None] + np.arange(1, most + 1)
     inside = (ahead < r.rows) & (start[:, None] * r.period >= FILTER_SETTLED)
     ahead = np.minimum(ahead, r.rows - 1)
@@ -101,22 +102,20 @@ def _record(log: Log, nominal: Nominal, data: DataCheck) -> Record:
     return used(with_commands(draft, follow)[0], log.t[data.usable])[0]
 
 
-def _filtered(r: Record) -> Model:
-    """Return the nominal's filter after its run over the log, with covariances, at declared noise, no slow moment."""
-    m = Model(track_of(r), "declared")
-    m.with_numbers(usual(m), [])
-    if not m.is_windy:
-        m.levels[ekf.QM], m.m0 = NO_MOMENT, 0.0
+def _filtered(r: Record) -> Run:
+    """Return the nominal's run over the log, with covariances, at declared noise, no slow moment."""
+    m = Model.of(track_of(r), "declared")
+    if not m.air.is_windy:
+        m = replace(m, air=m.air._replace(start=0.0),
+                    levels=np.where(np.arange(len(LEVELS)) == LEVELS.index("walk"), NO_MOMENT, m.levels))
     offsets = r.nominal.offsets
     unknown = [] if offsets is None else [name for name, sigma in (
         ("misalignment", offsets.thrust_misalignment + offsets.moment + offsets.attitude_bias),
         ("wind", offsets.attitude_bias), ("gyro_bias", offsets.gyro_bias), ("nozzle_bias", offsets.nozzle_sensor_bias))
         if sigma > 0.0]
-    free = tuple(sorted(m.index(name) for name in unknown if name in m.names))
-    p = gauss_newton(m, m.null, free, frozenset(free)).p if free else m.null
-    m.C = np.empty((m.n, ekf.N, ekf.N))
-    m.run(p)
-    return m
+    free = tuple(sorted(m.table.index(name) for name in unknown if name in m.table))
+    p = gauss_newton(m, m.table.null, free, frozenset(free)).p if free else m.table.null
+    return run(m.parameters(p), covariances=True)
 
 
 def _logged(r: Record) -> np.ndarray:

@@ -46,7 +46,7 @@ def extension(result: Result) -> Nominal | None:
     nominal, reading = result.nominal, result.reading
     if not result.named or result.model is None:
         return None
-    shift, centre = result.model.track.record.shift, result.model.centre
+    shift, centre = result.model.log.track.record.shift, result.model.log.centre
     effects = []
     for each in result.named:
         given = each.values
@@ -73,9 +73,9 @@ def report(result: Result) -> dict[str, Any]:
         "verdict": result.verdict, "where": result.where,
         "causes": [_cause(each, result) for each in result.named],
         "noise": {} if m is None else {
-            name: {"factor": number(math.exp(m.levels[k] - m.levels0[k])),
-                   "significant": bool(abs(m.levels[k] - m.levels0[k]) > math.log(SIGNIFICANT))}
-            for name, k in CHANNEL_LEVELS if k in m.moves},
+            name: {"factor": number(math.exp(m.levels[k] - m.noise.declared[k])),
+                   "significant": bool(abs(m.levels[k] - m.noise.declared[k]) > math.log(SIGNIFICANT))}
+            for name, k in CHANNEL_LEVELS if k in m.noise.moves},
         "limits": _limits(result),
         "remainder": {"share": number(result.share), "where": result.remaining_where or result.where,
                       "words": result.remaining[0]} if result.verdict == "dominant" and result.remaining else None,
@@ -92,7 +92,8 @@ def report(result: Result) -> dict[str, Any]:
             "mismatch": r.controller.kind, "rms_before": r.controller.before, "rms_after": r.controller.after,
             "time_constant": r.controller.time_constant},
         "deviation": None if result.elimination is None or m is None else {
-            name: number(result.elimination.final.p[m.index(name)] - 1.0) for name in ("a6", "k1") if name in m.names},
+            name: number(result.elimination.final.p[m.table.index(name)] - 1.0)
+            for name in ("a6", "k1") if name in m.table},
     }
 
 
@@ -104,7 +105,7 @@ def _limits(result: Result) -> dict[str, Any]:
     if m is None or el is None:
         return found
     for j, std in el.std_full.items():
-        of = m.numbers[j]
+        of = m.table.numbers[j]
         neutral = {p.name: p.neutral for p in CATALOGUE[of.cause].parameters} if of.cause in CATALOGUE else {}
         if "#" not in of.name and of.cause not in found and neutral.get(of.parameter, math.nan) == of.null:
             found[of.cause] = {
@@ -114,7 +115,7 @@ def _limits(result: Result) -> dict[str, Any]:
 
 
 def _cause(each: Named, result: Result) -> dict[str, Any]:
-    shift = result.model.track.record.shift if result.model is not None else 0.0
+    shift = result.model.log.track.record.shift if result.model is not None else 0.0
     return {"cause": each.cause, "where": each.where,
             "parameters": {key: {"value": number(value + shift if key == "time" else value), "std": number(std),
                                  "unit": "term" if isinstance(value, str) else unit_of(each.cause, key)}

@@ -19,7 +19,7 @@ from sim.sections import Actuator
 from sim.vehicle.kernels import kernel
 
 from ..weakform.rows import column
-from .adapter import Track
+from .track import Track
 
 DIFFERS = 1e-12   # from the neutral value
 

@@ -1,4 +1,4 @@
-"""Table of all that may be wrong: the numbers of every model, and further shapes, with or without a cause's name."""
+"""Table of the shapes that may be wrong beyond the usual numbers, with or without a cause's name."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -7,111 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.sections import Offsets
-
-from . import filter as ekf
+from ..likelihood.command import nozzle_input
+from ..likelihood.estimate import Number
 from .believed import bending, mode
-from .model import CURVES, Model, Number
+from .model import Model
 
-TOLERANCE_SIGMAS = 2.5  # of a declared tolerance, within which a number is nobody's fault
-SWING = 0.3            # rad rms, from which a body that bends from the line is a pendulum
 CYCLES = 10.0          # of a line in a log, fewer are a drift
 LEAST_CLIMB = 3.5      # turns of phase that its climb makes to either end, fewer are a line
 FASTEST_CLIMB = 9.0    # rad/s, from the middle of a log to its end, of a tone that climbs
-LARGEST_SHIFT = 2.0    # of a6, k1 and scales over their nominal value: one sigma of what is believed before a log
-TIMES = 0.1            # s, one sigma of a delay or lag that nobody declared
-LARGEST_DELAY = 1.0    # s, the largest
 SLOSH, BENDING = (1.0, 12.0), (6.0, 300.0)   # rad/s: liquid propellant; a structure
 MODE_STEPS, START_DAMPING = 28, 0.03         # frequencies tried in each range; the damping at which they are tried
 DAMPING_RANGE = (0.002, 0.2)  # ratios of a mode; beyond it is a filter for anything
 GUSTS = (1.5, 2.5, 4.0, 6.0)                 # s, durations tried
 ONSET_TIMES = 60       # times tried along a log
 PLAYS, RATES = (3e-4, 8e-4, 2e-3, 5e-3, 1.5e-2), (0.02, 0.04, 0.07, 0.12, 0.2, 0.35)  # rad; of the fastest command
-
-
-# ---- the usual numbers
-
-
-def usual(m: Model) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with its conditions
-    """Return the numbers that every model of this log has, with nominal value, tolerance, prior and range."""
-    s, d = m.scales, m.track.nominal.diagnosis
-    a6, k1 = m.a6, m.k1
-    has_input = bool(np.any(k1 != 0.0)) or "beta" in m.terms
-    row = float(np.median(m.dt))
-    acc, tol = s.acceleration, TOLERANCE_SIGMAS * d.tolerance
-    offsets = m.track.nominal.offsets or Offsets()
-    span, air = float(m.t[-1] - m.t[0]), m.known
-    calm = math.hypot(offsets.attitude_bias, air.initial, air.walk * math.sqrt(span / 3.0),
-                      air.turbulence * math.sqrt(2.0 * air.turbulence_time / span))   # mean of declared weather
-    out: list[Number] = []
-
-    def add(name: str, null: float, tol: float, prior: float, cause: str, parameter: str, low: float = -math.inf,
-            high: float = math.inf, step: float | None = None) -> None:
-        own = m.given.get(name, null)
-        if name.endswith("delay"):
-            low, high = low + own - null, high + own - null
-        out.append(Number(name, own, tol, prior, 1e-3 * prior if step is None else step, low, high, cause, parameter))
-
-    if np.any(a6 != 0.0):
-        add("a6", 1.0, tol, LARGEST_SHIFT, "aero_instability", "scale")
-    elif "sin(theta)" not in m.terms and m.has["theta"]:
-        add("term theta", 0.0, 0.01 * acc / s.theta, acc / s.theta, "missing_term", "theta")
-    for name, value in m.terms.items():
-        if name in CURVES or name in ("1", "theta_dot"):
-            prior = abs(value) * LARGEST_SHIFT + (2.0 * acc if name == "1" else 0.0)
-            add("term " + name, value, tol * abs(value), prior, "", name)   # it is there, so it is no missing one
-    if has_input:
-        add("k1", 1.0, tol, LARGEST_SHIFT, "control_effectiveness", "scale")
-        add("k1_slope", 0.0, 0.0, 2.0 / span, "control_slope", "slope")
-    if "theta_dot" not in m.terms:
-        add("damping", 0.0, 0.0, acc / s.omega, "aero_damping", "coefficient")
-    if "sign(theta_dot)" not in m.terms:
-        add("friction", 0.0, 0.0, acc, "friction", "coefficient", low=0.0)
-    if "1" not in m.terms:
-        if has_input and np.any(k1 != 0.0):
-            size = float(np.sqrt(np.mean(k1**2)))
-            unknown = math.hypot(offsets.thrust_misalignment, offsets.moment / size,
-                                 calm * float(np.sqrt(np.mean(a6**2))) / size)
-            add("misalignment", 0.0, TOLERANCE_SIGMAS * unknown, acc / size, "thrust_misalignment", "angle")
-        else:
-            add("moment", 0.0, TOLERANCE_SIGMAS * offsets.moment, acc, "missing_term", "1")
-        if m.is_flown and has_input and float(np.ptp(a6 / np.where(k1 == 0.0, 1.0, k1))) > 0.02 * float(
-                np.max(np.abs(a6 / np.where(k1 == 0.0, 1.0, k1)))):
-            add("wind", 0.0, TOLERANCE_SIGMAS * calm, acc / float(np.sqrt(np.mean(a6**2))), "steady_wind",
-                "angle")
-    if m.has["theta"] and "sin(theta)" not in m.terms and np.any(a6 != 0.0):
-        if s.theta > SWING and not m.is_flown:
-            add("sine", 0.0, 0.0, float(np.max(np.abs(a6))), "missing_term", "sin(theta)")
-        else:
-            add("cubic", 0.0, 0.0, acc / s.theta**3 / max(float(np.mean(np.abs(a6))), 1e-9), "aero_cubic",
-                "coefficient")
-    if has_input and "beta^2" not in m.terms:
-        add("term beta^2", 0.0, 0.0, acc / s.beta**2, "missing_term", "beta^2")
-    if has_input and (m.is_commanded or m.is_smooth):
-        add("inertia", 0.0, 0.0, acc * 0.05**2 / s.beta, "nozzle_inertia", "coefficient")
-    if has_input:
-        timing = d.timing if m.is_commanded else d.timing + 0.6 * row
-        add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", -2.0 * timing, LARGEST_DELAY, 1e-4 + 0.01 * row)
-        add("washout", 0.0, 0.002, 2.0, "input_washout", "time_constant", 0.0, 50.0, 1e-3)
-    if has_input and m.is_commanded:
-        band = min(2.0 * d.timing / max(m.servo.lag, 1e-4), 0.5)
-        add("bandwidth", 1.0, band, 1.0, "actuator_bandwidth", "scale", 0.02, 20.0)
-    if has_input and m.is_commanded and m.has["beta"]:
-        add("gain", 1.0, 0.0, LARGEST_SHIFT, "actuator_gain", "scale")
-        add("null_angle", 0.0, d.command, s.beta, "actuator_bias", "angle")
-        add("nozzle_bias", 0.0, math.hypot(d.command, TOLERANCE_SIGMAS * offsets.nozzle_sensor_bias), s.beta,
-            "nozzle_sensor_bias", "angle")
-    if has_input and not m.is_flown:
-        add("lag", 0.0, d.timing, TIMES, "actuator_bandwidth", "lag", 0.0, LARGEST_DELAY, 1e-4 + 0.02 * row)
-    if m.has_both:
-        add("gyro_bias", 0.0, TOLERANCE_SIGMAS * offsets.gyro_bias, s.omega, "gyro_bias", "rate")
-        add("gyro_scale", 1.0, 0.0, 0.5, "gyro_scale", "scale", 0.05, 6.0)
-        add("gyro_delay", 0.0, d.timing, 0.05, "gyro_delay", "delay", -2.0 * d.timing if m.is_flown else -0.2, 0.4,
-            2e-5 + 0.01 * row)
-        if m.is_flown:
-            add("attitude_delay", 0.0, d.timing, 0.05, "attitude_delay", "delay", -2.0 * d.timing, 0.4,
-                1e-4 + 0.01 * row)
-    return out
 
 
 # ---- shapes beyond them
@@ -182,7 +91,7 @@ class Kind:
     once: bool = False
 
     def fits(self, m: Model) -> bool:
-        return all(getattr(m, each) for each in self.when.split())
+        return all(getattr(m.log, each) for each in self.when.split())
 
     def numbers(self, m: Model, shape: Shape, nonlinear: tuple[float, ...]) -> list[Number]:
         """Return the model's numbers of a shape that a scan found at these nonlinear values, amplitudes first."""
@@ -197,13 +106,13 @@ class Kind:
 
 def after(m: Model, time: float) -> np.ndarray:
     """Return the share (n,) of each row's interval that lies after a time [s]."""
-    return np.clip((m.t[1:] - time) / m.dt, 0.0, 1.0)
+    return np.clip((m.log.t[1:] - time) / m.log.dt, 0.0, 1.0)
 
 
 def _hats(m: Model, count: int) -> np.ndarray:
     """Return (n, count) hat functions: 1 at one of `count` nodes along the log, linear to 0 at its neighbours."""
     nodes = np.linspace(-1.0, 1.0, count)
-    return np.clip(1.0 - np.abs(m.tau[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
+    return np.clip(1.0 - np.abs(m.log.tau[:, None] - nodes) / (nodes[1] - nodes[0]), 0.0, None)
 
 
 def _tone(x: np.ndarray | float, phase: np.ndarray) -> list[Column]:
@@ -212,78 +121,78 @@ def _tone(x: np.ndarray | float, phase: np.ndarray) -> list[Column]:
 
 
 def _shift(m: Model, channel: int, x: np.ndarray) -> list[Column]:
-    shift = np.zeros((m.n, 3))
+    shift = np.zeros((m.log.n, 3))
     shift[:, channel] = x
     return [Column(shift=shift)]
 
 
 def _gust(m: Model, time: float, duration: float) -> list[Column]:
-    phase = (m.t[:-1] + 0.5 * m.dt - time) / max(duration, 1e-3)
+    phase = (m.log.t[:-1] + 0.5 * m.log.dt - time) / max(duration, 1e-3)
     pulse = np.where((phase > 0.0) & (phase < 1.0), 0.5 - 0.5 * np.cos(2.0 * np.pi * phase), 0.0)
-    return [Column(m.a6 * pulse)]
+    return [Column(m.log.a6 * pulse)]
 
 
 def _slosh(m: Model, frequency: float, damping: float) -> list[Column]:
-    psi = mode(m.motion[:, 0], frequency, damping, m.track.period, (-1.0, 0.0, 0.0))
+    psi = mode(m.path.motion[:, 0], frequency, damping, m.log.track.period, (-1.0, 0.0, 0.0))
     return [Column(frequency**2 * np.append(0.5 * (psi[1:] + psi[:-1]), psi[-1]))]
 
 
 def _limited(m: Model, rate: float) -> list[Column]:
     """Return the change of the command by a rate limit."""
-    u = m.base_input.ravel()
+    log, u = m.log, m.log.base_input.ravel()
     out = np.empty(len(u))
-    ekf.nozzle_input(u, m.widths, m.base_constants, 0.0, 0.0, rate, out)
-    return [Column(command=(out - u).reshape(m.n, -1))]
+    nozzle_input(u, log.widths, log.servo_numbers(log.nominal_value), 0.0, 0.0, rate, out)
+    return [Column(command=(out - u).reshape(log.n, -1))]
 
 
 def _played(m: Model, width: float) -> list[Column]:
     """Return the change of the command by a play of this width."""
     def get(name: str, missing: float = 0.0) -> float:
-        return m.given.get(name, missing) + width * (name == "play")
+        return m.log.nominal_value(name, missing) + width * (name == "play")
 
-    return [Column(command=m.input_of(get, m.base_constants) - m.base_input)]
+    return [Column(command=m.log.input_of(get) - m.log.base_input)]
 
 
 # ---- where they are looked for
 
 
 def _modes(m: Model, span: tuple[float, float]) -> list[tuple[float, ...]]:
-    top = min(span[1], 0.9 * math.pi / m.track.period)
+    top = min(span[1], 0.9 * math.pi / m.log.track.period)
     return [(float(w), START_DAMPING) for w in np.geomspace(span[0], top, MODE_STEPS)] if top > span[0] else []
 
 
 def _onsets(m: Model) -> list[tuple[float, ...]]:
-    return [(float(x),) for x in m.t[0] + (m.t[-2] - m.t[0]) * np.linspace(0.04, 0.96, ONSET_TIMES)]
+    return [(float(x),) for x in m.log.t[0] + (m.log.t[-2] - m.log.t[0]) * np.linspace(0.04, 0.96, ONSET_TIMES)]
 
 
 def _pulses(m: Model) -> list[tuple[float, ...]]:
-    first, last = float(m.t[0]), float(m.t[-2])
+    first, last = float(m.log.t[0]), float(m.log.t[-2])
     return [(float(x), d) for d in GUSTS if d < (last - first) / 3.0
             for x in np.arange(first + 0.02 * (last - first), last - d, 0.4 * d)]
 
 
 def _windows(m: Model) -> list[tuple[float, ...]]:
-    first, last = float(m.t[0]), float(m.t[-2])
+    first, last = float(m.log.t[0]), float(m.log.t[-2])
     return [(float(x), d) for d in (0.8, 1.6) for x in np.arange(first, last - d, 0.5 * d) if last - first >= 10.0]
 
 
 def lines_in(m: Model, e: np.ndarray, channel: int, climbs: bool = False) -> list[tuple[float, ...]]:
     """Return the frequencies [rad/s], of at least CYCLES, where the periodogram of a channel's whitened innovations e
     (r,) peaks; climbs: pairs with the climb [rad/s^2] that makes the peak highest, for frequencies that never are 0."""
-    x = np.zeros(m.n)
-    mine = m.channel == channel
-    x[m.rows[mine]] = e[mine]
-    x *= np.hanning(m.n)
-    size, half = 1 << (2 * m.n - 1).bit_length(), 0.5 * float(m.t[-1] - m.t[0])
-    w = 2.0 * np.pi * np.fft.rfftfreq(size, m.track.period)
+    x = np.zeros(m.log.n)
+    mine = m.log.channel == channel
+    x[m.log.rows[mine]] = e[mine]
+    x *= np.hanning(m.log.n)
+    size, half = 1 << (2 * m.log.n - 1).bit_length(), 0.5 * m.log.span
+    w = 2.0 * np.pi * np.fft.rfftfreq(size, m.log.track.period)
     most, apart = FASTEST_CLIMB / half, 2.0 * math.pi / half**2     # a turn of phase from the middle to either end
     rates = np.arange(-most, most, apart)
     found: list[tuple[float, float, float]] = []
     for climb in rates[np.abs(rates) > LEAST_CLIMB * apart] if climbs else (0.0,):
-        turned = x * np.exp(-0.5j * climb * m.middle**2) if climbs else x
+        turned = x * np.exp(-0.5j * climb * m.log.middle**2) if climbs else x
         power = np.abs(np.fft.fft(turned, size)[:len(w)])**2
         power[w < np.maximum(math.pi * CYCLES / half, abs(climb) * half)] = 0.0
-        power[w > 0.8 * np.pi / m.track.period] = 0.0
+        power[w > 0.8 * np.pi / m.log.track.period] = 0.0
         for _ in range(1 if climbs else 3):
             i = int(np.argmax(power))
             found += [(float(power[i]), float(w[i]), float(climb))] if power[i] > 0.0 else []
@@ -292,12 +201,12 @@ def lines_in(m: Model, e: np.ndarray, channel: int, climbs: bool = False) -> lis
 
 
 def _rates(m: Model) -> list[tuple[float, ...]]:
-    fastest = float(np.quantile(np.abs(np.diff(m.track.commands)) / np.diff(m.track.ticks)[:-1], 0.999))
+    fastest = float(np.quantile(np.abs(np.diff(m.log.track.commands)) / np.diff(m.log.track.ticks)[:-1], 0.999))
     return [(x * fastest,) for x in RATES] if fastest > 0.0 else []
 
 
 def _lines_below(m: Model) -> list[tuple[float, ...]]:
-    return [(float(w),) for w in np.linspace(0.6, 4.0, 40)] if m.is_long else []
+    return [(float(w),) for w in np.linspace(0.6, 4.0, 40)] if m.log.is_long else []
 
 
 def _quantiles(x: np.ndarray, of: Sequence[float] | np.ndarray) -> list[tuple[float, ...]]:
@@ -308,67 +217,73 @@ ANYWHEN, LASTING = (0.02, -1e9, 1e9), (0.02, 0.2, 20.0)   # step and range of an
 TONE = ("sine", "cosine", "frequency")
 CANDIDATE_KINDS = (
     Kind("control_loss", "control_loss", ("fraction", "time"), 1,
-         lambda m, time: [Column(-m.k1 * m.motion[:, 2] * after(m, time))], "input_moves", _onsets, lambda m: 0.5,
-         (ANYWHEN,), effective=True, once=True),
+         lambda m, time: [Column(-m.log.k1 * m.path.motion[:, 2] * after(m, time))], "input_moves", _onsets,
+         lambda m: 0.5, (ANYWHEN,), effective=True, once=True),
     Kind("moment_step", "moment_step", ("acceleration", "time"), 1, lambda m, time: [Column(after(m, time))],
-         starts=_onsets, prior=lambda m: m.scales.acceleration, bounds=(ANYWHEN,), once=True),
+         starts=_onsets, prior=lambda m: m.log.scales.acceleration, bounds=(ANYWHEN,), once=True),
     Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, "is_flown is_unstable", _pulses, lambda m: 0.2,
          (ANYWHEN, LASTING), "environment", once=True),
     Kind("periodic_disturbance", "periodic_disturbance", TONE, 2,
-         lambda m, frequency: _tone(1.0, frequency * m.middle), "is_flown", lambda m: [],
-         lambda m: m.scales.acceleration, ((2e-4, 0.05, 300.0),), "environment"),
+         lambda m, frequency: _tone(1.0, frequency * m.log.middle), "is_flown", lambda m: [],
+         lambda m: m.log.scales.acceleration, ((2e-4, 0.05, 300.0),), "environment"),
     Kind("slosh", "slosh", ("coupling", "frequency", "damping_ratio"), 1, _slosh, "has_theta is_flown",
          lambda m: _modes(m, SLOSH), bounds=((2e-3, 0.2, 25.0), (1e-3, *DAMPING_RANGE))),
     Kind("bending", "bending", ("gain", "frequency", "damping_ratio"), 1,
-         lambda m, frequency, damping: [Column(shift=bending(m.nozzle, frequency, damping, m.track))],
+         lambda m, frequency, damping: [Column(shift=bending(m.path.nozzle, frequency, damping, m.log.track))],
          "is_flown has_commands", lambda m: _modes(m, BENDING), lambda m: 0.1,
          ((2e-2, *BENDING), (1e-3, *DAMPING_RANGE))),
     Kind("lateral_drift", "lateral_drift", ("z_alpha", "z_beta"), 2,
-         lambda m: [Column(-m.a6 * np.append(0.0, np.cumsum(x[:-1] * m.dt[:-1]))) for x in m.motion[:, [0, 2]].T],
+         lambda m: [Column(-m.log.a6 * np.append(0.0, np.cumsum(x[:-1] * m.log.dt[:-1])))
+                    for x in m.path.motion[:, [0, 2]].T],
          "has_theta is_unstable has_no_path", prior=lambda m: 0.1),
     Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1, _played, "has_commands",
          lambda m: [(x,) for x in PLAYS], bounds=((2e-5, 1e-6, 0.2),), place="actuator"),
     Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, _limited, "has_commands", _rates,
          bounds=((1e-3, 1e-3, 50.0),), place="actuator"),
     # in no list: what they explain is not named
-    Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.last_input * np.abs(m.last_input))],
+    Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.path.input * np.abs(m.path.input))],
          "has_commands", place="actuator"),
-    Kind("servo_asymmetry", "", ("size",), 1, lambda m: [Column(command=m.last_input**2)], "has_commands",
+    Kind("servo_asymmetry", "", ("size",), 1, lambda m: [Column(command=m.path.input**2)], "has_commands",
          place="actuator"),
     Kind("servo_friction", "", ("size", "soft"), 1,
-         lambda m, soft: [Column(command=-np.tanh(m.nozzle_rate[:, None] / soft))], "has_commands",
+         lambda m, soft: [Column(command=-np.tanh(m.path.nozzle_rate[:, None] / soft))], "has_commands",
          lambda m: [(0.005,), (0.02,)], bounds=((1e-3, 1e-3, 1.0),), place="actuator"),
-    Kind("attitude_curve", "", ("size",), 1, lambda m: _shift(m, 0, m.motion[:, 0]**3), "has_both",
-         prior=lambda m: 0.3 / m.scales.theta**2, place="sensor"),
-    Kind("attitude_knee", "", ("size", "at"), 1, lambda m, at: _shift(m, 0, np.abs(m.motion[:, 0] - at)), "has_both",
-         lambda m: _quantiles(m.motion[:, 0], np.linspace(0.1, 0.9, 9)), bounds=((1e-3, -3.0, 3.0),), place="sensor"),
-    Kind("attitude_walk", "", ("size",), 1, lambda m: _shift(m, 0, m.tau), "has_both", prior=lambda m: m.scales.theta,
+    Kind("attitude_curve", "", ("size",), 1, lambda m: _shift(m, 0, m.path.motion[:, 0]**3), "has_both",
+         prior=lambda m: 0.3 / m.log.scales.theta**2, place="sensor"),
+    Kind("attitude_knee", "", ("size", "at"), 1, lambda m, at: _shift(m, 0, np.abs(m.path.motion[:, 0] - at)),
+         "has_both", lambda m: _quantiles(m.path.motion[:, 0], np.linspace(0.1, 0.9, 9)), bounds=((1e-3, -3.0, 3.0),),
          place="sensor"),
+    Kind("attitude_walk", "", ("size",), 1, lambda m: _shift(m, 0, m.log.tau), "has_both",
+         prior=lambda m: m.log.scales.theta, place="sensor"),
     Kind("gyro_ceiling", "", ("size", "at"), 1,
-         lambda m, at: _shift(m, 1, np.clip(m.motion[:, 1], -at, at) - m.motion[:, 1]), "has_both",
-         lambda m: [(float(x * np.max(np.abs(m.motion[:, 1]))),) for x in (0.5, 0.65, 0.8, 0.9, 0.96)],
+         lambda m, at: _shift(m, 1, np.clip(m.path.motion[:, 1], -at, at) - m.path.motion[:, 1]), "has_both",
+         lambda m: [(float(x * np.max(np.abs(m.path.motion[:, 1]))),) for x in (0.5, 0.65, 0.8, 0.9, 0.96)],
          bounds=((1e-3, 1e-6, 1e3),), place="sensor"),
-    Kind("gyro_dead_zone", "", ("size", "at"), 1, lambda m, at: _shift(m, 1, -np.clip(m.motion[:, 1] / at, -1.0, 1.0)),
-         "has_both", lambda m: _quantiles(np.abs(m.motion[:, 1]) + 1e-6, (0.1, 0.2, 0.35, 0.5, 0.7)),
-         lambda m: m.scales.omega, ((1e-4, 1e-7, 1e3),), "sensor"),
+    Kind("gyro_dead_zone", "", ("size", "at"), 1,
+         lambda m, at: _shift(m, 1, -np.clip(m.path.motion[:, 1] / at, -1.0, 1.0)), "has_both",
+         lambda m: _quantiles(np.abs(m.path.motion[:, 1]) + 1e-6, (0.1, 0.2, 0.35, 0.5, 0.7)),
+         lambda m: m.log.scales.omega, ((1e-4, 1e-7, 1e3),), "sensor"),
     Kind("gyro_flip", "", ("size", "time", "duration"), 1, lambda m, time, duration: _shift(
-             m, 1, m.motion[:, 1] * ((m.t[:-1] >= time) & (m.t[:-1] < time + duration))), "has_both", _windows,
-         lambda m: 2.0, (ANYWHEN, LASTING), "sensor", once=True),
-    Kind("gyro_warming", "", ("size",), 1, lambda m: _shift(m, 1, m.motion[:, 1] * m.tau), "has_both", place="sensor"),
-    Kind("pickup_drift", "", ("size",), 1, lambda m: _shift(m, 2, m.tau), "has_beta has_commands",
-         prior=lambda m: m.scales.beta, place="sensor"),
-    Kind("aero_flutter", "", TONE, 2, lambda m, frequency: _tone(m.a6 * m.motion[:, 0], frequency * m.middle),
+             m, 1, m.path.motion[:, 1] * ((m.log.t[:-1] >= time) & (m.log.t[:-1] < time + duration))), "has_both",
+         _windows, lambda m: 2.0, (ANYWHEN, LASTING), "sensor", once=True),
+    Kind("gyro_warming", "", ("size",), 1, lambda m: _shift(m, 1, m.path.motion[:, 1] * m.log.tau), "has_both",
+         place="sensor"),
+    Kind("pickup_drift", "", ("size",), 1, lambda m: _shift(m, 2, m.log.tau), "has_beta has_commands",
+         prior=lambda m: m.log.scales.beta, place="sensor"),
+    Kind("aero_flutter", "", TONE, 2,
+         lambda m, frequency: _tone(m.log.a6 * m.path.motion[:, 0], frequency * m.log.middle),
          "is_unstable", _lines_below, bounds=((1e-3, 0.1, 30.0),)),
-    Kind("thrust_flutter", "", TONE, 2, lambda m, frequency: _tone(m.k1 * m.motion[:, 2], frequency * m.middle),
+    Kind("thrust_flutter", "", TONE, 2,
+         lambda m, frequency: _tone(m.log.k1 * m.path.motion[:, 2], frequency * m.log.middle),
          "input_moves", _lines_below, bounds=((1e-3, 0.1, 30.0),)),
     Kind("chirp", "", (*TONE, "climb"), 2,
-         lambda m, frequency, climb: _tone(1.0, frequency * m.middle + 0.5 * climb * m.middle**2), "is_long",
-         lambda m: [], lambda m: m.scales.acceleration, ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), "environment"),
+         lambda m, frequency, climb: _tone(1.0, frequency * m.log.middle + 0.5 * climb * m.log.middle**2), "is_long",
+         lambda m: [], lambda m: m.log.scales.acceleration, ((1e-3, 0.05, 300.0), (1e-4, -10.0, 10.0)), "environment"),
     Kind("beat", "", (*(f"a{k}" for k in range(16)), "frequency"), 16, lambda m, frequency: [
-             column for hat in _hats(m, 8).T for column in _tone(hat, frequency * m.middle)], "is_long",
-         lambda m: [], lambda m: m.scales.acceleration, ((1e-3, 0.05, 300.0),), "environment"),
-    Kind("a6_drift", "", ("size",), 1, lambda m: [Column(m.a6 * m.motion[:, 0] * m.tau)], "is_unstable"),
+             column for hat in _hats(m, 8).T for column in _tone(hat, frequency * m.log.middle)], "is_long",
+         lambda m: [], lambda m: m.log.scales.acceleration, ((1e-3, 0.05, 300.0),), "environment"),
+    Kind("a6_drift", "", ("size",), 1, lambda m: [Column(m.log.a6 * m.path.motion[:, 0] * m.log.tau)], "is_unstable"),
     Kind("wander", "", tuple(f"a{k}" for k in range(9)), 9, lambda m: [Column(x) for x in _hats(m, 10)[:, 1:].T],
-         prior=lambda m: m.scales.acceleration, place="environment"),
+         prior=lambda m: m.log.scales.acceleration, place="environment"),
 )
 LINES = ("periodic_disturbance", "beat", "chirp")   # whose frequencies the periodogram proposes

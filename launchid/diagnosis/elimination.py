@@ -11,9 +11,10 @@ import numpy as np
 
 from sim.effects import CATALOGUE
 
+from ..likelihood.estimate import Fit, evaluate, gauss_newton, inverse, slopes
 from ..sums import combined, square
-from .estimate import Fit, gauss_newton, inverse, slopes
-from .model import KINEMATIC, Model
+from .model import Model
+from .numbers import KINEMATIC
 from .score import compare, deviations, left_out
 
 Z = 2.3                # standard errors that a number must save on left-out blocks
@@ -94,9 +95,9 @@ def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
     inside = {name for shape in m.shapes for name in shape.names}
     out = [Group(each.name, each.name, (j,), 1, each.cause, CATALOGUE[each.cause].where if each.cause else "plant",
                  has_band=each.tol > 0.0)
-           for j, each in enumerate(m.numbers) if each.name not in inside and j not in notes]
+           for j, each in enumerate(m.table.numbers) if each.name not in inside and j not in notes]
     for shape in m.shapes:
-        kind, numbers = shape.kind, tuple(m.index(name) for name in shape.names)
+        kind, numbers = shape.kind, tuple(m.table.index(name) for name in shape.names)
         out.append(Group(shape.names[0].partition(".")[0], kind.name, numbers, kind.linear, kind.cause, kind.place,
                          is_event=kind.once, is_listed=bool(kind.cause)))
     return out
@@ -110,7 +111,8 @@ class Search:
         self.groups = groups_of(m, notes)
 
     def nearest(self, j: int, value: float) -> float:
-        return float(np.clip(value, self.m.null[j] - self.m.tol[j], self.m.null[j] + self.m.tol[j]))
+        null, tol = self.m.table.null[j], self.m.table.tol[j]
+        return float(np.clip(value, null - tol, null + tol))
 
     def cost(self, fit: Fit, covariance: np.ndarray, groups: list[Group]) -> float:
         """Return the squares that it costs to put the groups back at the nominal, by the information (Wald 1943)."""
@@ -134,14 +136,14 @@ class Search:
         band = fit.band | {j for g in groups if g.has_band for j in g.numbers}
         for j in band:
             q[j] = self.nearest(j, q[j])
-        q[list(gone)] = m.null[list(gone)]
+        q[list(gone)] = m.table.null[list(gone)]
         r, back = fit.p.copy(), [*band, *gone]
         r[back] = q[back]
-        q = np.clip(q, m.low, m.high)
+        q = np.clip(q, m.table.low, m.table.high)
         kept = [i for i, j in enumerate(fit.free) if j not in gone]
         free = tuple(fit.free[i] for i in kept)
-        e = m.white(q)
-        if not np.all(np.isfinite(q)) or square(m.white(r)) < square(e):
+        e = evaluate(m, q).e
+        if not np.all(np.isfinite(q)) or square(evaluate(m, r).e) < square(e):
             return gauss_newton(m, r, free, band, rounds)
         told = combined(fit.J, (q - fit.p)[list(fit.free)])
         holds = square(e - fit.e - told) < HOLDS * square(told)
@@ -150,30 +152,30 @@ class Search:
     def is_at_an_end(self, fit: Fit, group: Group) -> bool:
         """Whether a shape stands at an end of its range: it then fits what another leaves, and is none of its kind."""
         m, times = self.m, group.numbers[group.linear:][:group.is_event]   # an event's first is its time
-        return any(not m.t[0] < fit.p[j] < m.t[-2] for j in times) or any(
-            not m.low[j] * (1.0 + AT_END) < fit.p[j] < m.high[j] * (1.0 - AT_END)
-            for j in group.numbers[group.linear:] if m.low[j] > 0.0)
+        return any(not m.log.t[0] < fit.p[j] < m.log.t[-2] for j in times) or any(
+            not m.table.low[j] * (1.0 + AT_END) < fit.p[j] < m.table.high[j] * (1.0 - AT_END)
+            for j in group.numbers[group.linear:] if m.table.low[j] > 0.0)
 
     def is_needed(self, group: Group, gain: float, error: float, removable: float) -> bool:
         """Whether a group, without which rows left out are worse by `gain` squares (+- error), has to stay; removable:
         what the full model saves over the nominal."""
-        if gain < self.m.unsure:
+        if gain < self.m.log.unsure:
             return False
-        if group.name == "inertia" and not self.m.is_commanded and gain < MOST * removable:
+        if group.name == "inertia" and not self.m.log.is_commanded and gain < MOST * removable:
             return False     # rows of a measured input that moves between them feign a little of it
         if group.is_event:
             return gain > EVENT and gain > NAME_SHARE * removable
-        if self.m.is_flown and group.name not in KINEMATIC and gain > SHAPE_Z * error:
+        if self.m.log.is_flown and group.name not in KINEMATIC and gain > SHAPE_Z * error:
             removable -= self.by_sensors
-        is_clear = not self.m.is_flown and gain > max(MOST * removable, EVENT)
-        is_curve = not self.m.is_flown and not is_clear and group.name in SHAPES_OF_NUMBERS
+        is_clear = not self.m.log.is_flown and gain > max(MOST * removable, EVENT)
+        is_curve = not self.m.log.is_flown and not is_clear and group.name in SHAPES_OF_NUMBERS
         z = CLEAR_Z if is_clear else SHAPE_Z if is_curve else Z
         return gain > z * error and gain > MIN_SQUARES_SAVED and gain > NAME_SHARE * removable
 
     def run(self, p: np.ndarray) -> Elimination:
         """Eliminate, starting from all numbers free at p; return fits, errors and the groups kept."""
         m = self.m
-        everything = tuple(range(len(m.numbers)))
+        everything = tuple(range(len(m.table.numbers)))
         full = gauss_newton(m, p, everything, frozenset(), 4)
         self.full = full
         e_full = left_out(m, full)
@@ -181,18 +183,16 @@ class Search:
         std_full = deviations(m, full, self.unit)
         band = frozenset(j for g in self.groups if g.has_band for j in g.numbers)
         start = tuple(sorted(band | self.notes))
-        nominal = gauss_newton(m, m.null.copy(), start, band, 3)
+        nominal = gauss_newton(m, m.table.null.copy(), start, band, 3)
         e_nominal = left_out(m, nominal)
-        sensors = {m.index(name) for name in KINEMATIC if name in m.names}
+        sensors = {m.table.index(name) for name in KINEMATIC if name in m.table}
         alone = gauss_newton(m, nominal.p, tuple(sorted(band | sensors)), band - sensors, 3)
         self.by_sensors = max(square(e_nominal) - square(left_out(m, alone)), 0.0)
         C = inverse(m, full)
         s = 1.0 / np.sqrt(np.diag(C))
         self.correlation = np.abs(C * np.outer(s, s))
-        m.move_to(full.p)
         fit, live, best, e_end = self.take_away(full, e_nominal, e_full)
-        m.move_to(fit.p)
-        fit = fit._replace(J=slopes(m, fit.p, fit.free))
+        fit = fit._replace(J=slopes(m, fit, fit.free))
         kept, fit, e_end, live, idle = self.judged(fit, live, e_nominal, best, e_end)
         while kept and idle:      # they hide what the others are worth
             kept, fit, e_end, live, idle = self.judged_without(idle, fit, live, e_nominal, best)
@@ -203,7 +203,6 @@ class Search:
                 kept, fit, e_end, live, _ = fewer
         if not kept:
             fit, e_end = nominal, e_nominal
-        m.move_to(fit.p)
         return Elimination(nominal, full, fit, e_nominal, e_full, e_end, self.unit, kept, std_full, tuple(self.notes))
 
     def related(self, a: Group, b: Group) -> float:
@@ -270,7 +269,6 @@ class Search:
         m = self.m
         for turn in range(3):
             kept, swap = [], None
-            m.move_to(fit.p)
             std = deviations(m, fit, self.unit)
             removable = max(square(e_nominal) - min(square(best), square(e_end)), 1e-9)
             for g in live:
@@ -294,7 +292,7 @@ class Search:
             if swap is None or turn == 2:
                 break
             fit, live, e_end = swap
-        far = np.abs(fit.p - m.null)
+        far = np.abs(fit.p - m.table.null)
         idle = [g for g in live if self.is_at_an_end(fit, g)
                 or (g.linear == 1 and far[g.numbers[0]] <= 2.0 * std.get(g.numbers[0], 0.0))]
         kept = [k for k in kept if k.group not in idle and self.is_needed(k.group, k.gain, k.error, removable)]
@@ -309,15 +307,14 @@ class Search:
                        best: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray, list[Group], list[Group]]:
         """Judge the groups `live` (as `judged`) with the groups `gone` back at their nominal values."""
         m, fit = self.m, self.without(fit, gone, 3)
-        return self.judged(fit._replace(J=slopes(m, fit.p, fit.free)), live, e_nominal, best, left_out(m, fit))
+        return self.judged(fit._replace(J=slopes(m, fit, fit.free)), live, e_nominal, best, left_out(m, fit))
 
     def with_other(self, rest: Fit, other: Group) -> Fit:
         """Return the fit `rest`, from which a group is out, refitted with the group `other` in."""
         m, p = self.m, rest.p.copy()
         p[list(other.numbers)] = self.full.p[list(other.numbers)]
         free = tuple(sorted({*rest.free, *other.numbers}))
-        m.move_to(p)
-        new = slopes(m, p, other.numbers)
+        new = slopes(m, evaluate(m, p), other.numbers)
         J = np.column_stack([new[:, other.numbers.index(j)] if j in other.numbers else rest.J[:, rest.at(j)]
                              for j in free])
         return gauss_newton(m, p, free, rest.band - set(other.numbers), 2, J)

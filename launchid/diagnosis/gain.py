@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .estimate import Fit
-from .model import FOLD_PASSES, MODEL_FOLDS, Model
+from ..likelihood.estimate import Fit, refreshed
+from ..likelihood.likelihood import predict, run
+from .model import Model
 from .score import folds
 
 HORIZON_SHARES = (0.1, 0.3, 1.0)  # of the longest horizon
@@ -53,35 +54,32 @@ def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray, is_an
     """Return errors ahead (starts, spans, 3), each start under numbers that its fold was not used for; is_another:
     under the fit's (another log)."""
     out = np.full((len(starts), len(spans), 3), np.nan)
-    m.move_to(fit.p)
-    fold = starts * (MODEL_FOLDS * FOLD_PASSES) // m.n % MODEL_FOLDS
-    for f, p in enumerate([fit.p] if is_another else folds(m, fit)[1]):
+    fold = m.log.fold_of(starts)
+    for f, p in enumerate([fit.p] if is_another else folds(m, refreshed(m, fit))[1]):
         mine = np.arange(len(starts)) if is_another else np.flatnonzero(fold == f)
-        m.run(p)
-        out[mine] = m.ahead(starts[mine], spans)[0]
+        out[mine] = predict(run(m.parameters(p)), starts[mine], spans)[0]
     return out
 
 
 def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float, is_another: bool = False) -> Gain:
     """Return the gain of the final model over the nominal on blocks left out, or on m's log if `is_another`."""
-    row = float(np.median(m.dt))
-    stiffness = float(np.max(np.abs(m.a6))) + abs(m.terms.get("sin(theta)", 0.0))
+    row = m.log.period
+    stiffness = float(np.max(np.abs(m.log.a6))) + abs(m.log.terms.get("sin(theta)", 0.0))
     longest = min(GAIN_HORIZON, TURNS / math.sqrt(max(stiffness, 1e-6)))
     spans = np.unique([max(1, round(h * longest / row)) for h in HORIZON_SHARES])
-    starts = np.arange(max(10, m.n // 200), m.n - 1, max(1, round(SPACING / row)))
+    starts = np.arange(max(10, m.log.n // 200), m.log.n - 1, max(1, round(SPACING / row)))
     errors = [predictions(m, fit, starts, spans, is_another) for fit in (nominal, final, full)]
     squares: dict[float, dict[str, tuple[float, float, float, float]]] = {}
     for q, span in enumerate(spans):
-        ends = np.minimum(starts + span, m.n - 1)
+        ends = np.minimum(starts + span, m.log.n - 1)
         of: dict[str, tuple[float, float, float, float]] = {}
         for ch, name in enumerate(CHANNELS):
-            change = m.z[ends, ch] - m.z[starts, ch]
+            change = m.log.z[ends, ch] - m.log.z[starts, ch]
             good = np.isfinite(change) & np.all([np.isfinite(e[:, q, ch]) for e in errors], axis=0)
-            if m.has[name] and good.sum() > 20:
+            if m.log.has[name] and good.sum() > 20:
                 before, after, full_ = (trimmed(e[good, q, ch]) for e in errors)
                 of[name] = (before, after, full_, float(np.mean(change[good]**2)))
         squares[round(float(span * row), 6)] = of
-    m.move_to(final.p)
     return Gain(squares, nats, "a second log" if is_another else "blocks left out")
 
 

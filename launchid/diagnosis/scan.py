@@ -5,13 +5,14 @@ free numbers can make of it, times the innovations is the amplitude; the square 
 fitting it would save (Willsky and Jones 1976).  The places of the best are refined with everything else free.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from ..likelihood.estimate import Fit, Table, gram, inverse, refreshed
 from ..sums import along, combined
 from .candidates import CANDIDATE_KINDS, LINES, Kind, Shape, lines_in
-from .estimate import Fit, gram, inverse
 from .model import Model
 
 SQUARES_PROMISED = 25.0  # squares that a shape must promise: chance gives the best of 400 places 12
@@ -33,9 +34,9 @@ class Scanner:
     """Tries shapes against the innovations of a fit, less what its free numbers can explain: y - J A^-1 J' y."""
 
     def __init__(self, m: Model, fit: Fit) -> None:
-        self.m = m
-        e = m.white(fit.p)
-        m.settle()
+        fit = refreshed(m, fit)
+        e, self.run = fit.e, fit.run
+        self.m = m.settled(fit.run)
         self.J = np.ascontiguousarray(fit.J.T)
         C = inverse(m, fit)
         self.twice = C @ (gram(fit.J) @ C) - 2.0 * C
@@ -43,9 +44,10 @@ class Scanner:
 
     def tried(self, kind: Kind, values: tuple[float, ...]) -> Found:
         """Return a kind's best amplitudes and the squares they save at these nonlinear values."""
-        m, none, still = self.m, np.zeros(self.m.n), np.zeros((self.m.n, 3))
-        Y = np.array([m.respond(none if force is None else force, none if command is None else command.mean(axis=1),
-                                still if shift is None else shift) for force, command, shift in kind.make(m, *values)])
+        m, none, still = self.m, np.zeros(self.m.log.n), np.zeros((self.m.log.n, 3))
+        Y = np.array([m.response(self.run, none if force is None else force,
+                                 none if command is None else command.mean(axis=1), still if shift is None else shift)
+                      for force, command, shift in kind.make(m, *values)])
         V = np.einsum("kn,cn->ck", self.J, Y)
         size = np.einsum("cn,dn->cd", Y, Y)
         G, b = size + V @ self.twice @ V.T, -np.einsum("cn,n->c", Y, self.e)
@@ -58,17 +60,17 @@ class Scanner:
     def best(self, kind: Kind) -> Found | None:
         """Return the nonlinear values at which a kind saves most; None if it does not fit the log, or has none."""
         m = self.m
-        if not kind.fits(m) or not (kind.cause or m.is_flown):
+        if not kind.fits(m) or not (kind.cause or m.log.is_flown):
             return None
         starts = kind.starts(m)
         if kind.name in LINES:
             climbs = kind.name == "chirp"
-            starts = [x for ch in (1, 0) if np.any(m.channel == ch) for x in lines_in(m, self.e, ch, climbs)]
+            starts = [x for ch in (1, 0) if np.any(m.log.channel == ch) for x in lines_in(m, self.e, ch, climbs)]
         found = [self.tried(kind, values) for values in starts]
         best = max(found, key=lambda each: each.saves, default=None)
         if best is None or not starts[0]:
             return best
-        span, n = float(m.t[-1] - m.t[0]), kind.linear
+        span, n = m.log.span, kind.linear
         reach = {"time": 0.01 * span} | ({"frequency": 2.0 / span, "climb": 8.0 / span**2} if n > 1 else {})
         shares = {"frequency": 0.12, "damping_ratio": 0.5}
         for scale in (0.5, 0.2, 0.08):       # of the distance to its neighbours
@@ -82,16 +84,17 @@ class Scanner:
 
 
 @np.errstate(over="ignore", invalid="ignore")   # of a nominal that diverges: what overflows promises nothing
-def scan(m: Model, fit: Fit) -> list[Found]:
-    """Return each kind that promises more than SQUARES_PROMISED at its best values, the best first."""
+def scan(m: Model, fit: Fit) -> tuple[Model, list[Found]]:
+    """Return the model settled on the fit's motion, and each kind that promises more than SQUARES_PROMISED at its best
+    values, the best first."""
     s = Scanner(m, fit)
     found = [each for kind in CANDIDATE_KINDS if (each := s.best(kind)) is not None and each.saves > SQUARES_PROMISED]
-    return sorted(found, key=lambda each: -each.saves)
+    return s.m, sorted(found, key=lambda each: -each.saves)
 
 
-def with_shape(m: Model, p: np.ndarray, found: Found) -> np.ndarray:
-    """Add a found shape to the model's table (in place); return the numbers p with the shape's, at the values found."""
+def with_shape(m: Model, p: np.ndarray, found: Found) -> tuple[Model, np.ndarray]:
+    """Return the model with a found shape in its table, and the numbers p with the shape's, at the values found."""
     mark = f"{found.kind.name}#{sum(shape.kind is found.kind for shape in m.shapes)}."
     shape = Shape(found.kind, tuple(mark + each for each in found.kind.parameters))
-    m.with_numbers([*m.numbers, *found.kind.numbers(m, shape, found.values)], [*m.shapes, shape])
-    return np.concatenate([p, found.sizes, found.values])
+    table = Table.of([*m.table.numbers, *found.kind.numbers(m, shape, found.values)])
+    return replace(m, table=table, shapes=(*m.shapes, shape)), np.concatenate([p, found.sizes, found.values])

@@ -4,21 +4,22 @@ import math
 
 import numpy as np
 
+from ..likelihood.estimate import Fit, at_bound, evaluate_held, gram, information, inverse, limits
 from ..sums import along, combined, square
-from .estimate import Fit, at_bound, gram, information, inverse, limits
-from .model import MODEL_FOLDS, SCORE_BLOCKS, Model
+from .known import MODEL_FOLDS, SCORE_BLOCKS
+from .model import Model
 
 FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
 
 
 def _once(m: Model) -> set[int]:
     """Return the indices of numbers of shapes that happen once."""
-    return {m.index(name) for shape in m.shapes if shape.kind.once for name in shape.names}
+    return {m.table.index(name) for shape in m.shapes if shape.kind.once for name in shape.names}
 
 
 def left_out(m: Model, fit: Fit) -> np.ndarray:
     """Return the errors (r,) of each fold's rows under the numbers fitted to the other folds (Stone 1974; blocks:
-    Burman et al. 1994).  The last filter's gains hold, which must be the fit's."""
+    Burman et al. 1994), the fit's gains held."""
     return folds(m, fit)[0]
 
 
@@ -32,13 +33,13 @@ def folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
     keep = [i for i in range(len(fit.free)) if i not in stuck and fit.free[i] not in _once(m)]
     if not keep:
         return fit.e.copy(), [fit.p] * MODEL_FOLDS
-    F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, m.white(fit.p, frozen=True)
+    F, J, p, e = np.array(fit.free)[keep], fit.J[:, keep], fit.p, fit.e
     out, fits = e.copy(), []
-    w = m.prior[F]**-2.0
+    w = m.table.prior[F]**-2.0
     A = gram(J) + np.diag(w)
     (low, high), g0 = (x[F] for x in limits(m, fit.band)), along(J, e)
     for f in range(MODEL_FOLDS):
-        mine = m.fold == f
+        mine = m.log.fold == f
         fits.append(p)
         Jf = J[mine]
         Af = A - gram(Jf)
@@ -59,7 +60,7 @@ def folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
                 out[mine] = e[mine] + combined(Jf, move)
             elif float(move @ (Af @ move)) < 0.01:
                 break
-            er = m.white(r, frozen=True)
+            er = evaluate_held(m, fit.run, r)
             value = worth(er, r)
             if not value < best:
                 break
@@ -77,15 +78,15 @@ def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[floa
     the square of the difference, and the error is that of their ratio (Cochran 1977, ch. 6).  Of a stranger's log the
     blocks' savings themselves, their roots or the logarithms of their ratios scatter, whichever tells most.
     """
-    d = np.bincount(m.block, e0 * e0 - e1 * e1, minlength=SCORE_BLOCKS)
-    told = np.bincount(m.block, (e0 - e1)**2, minlength=SCORE_BLOCKS)
+    d = np.bincount(m.log.block, e0 * e0 - e1 * e1, minlength=SCORE_BLOCKS)
+    told = np.bincount(m.log.block, (e0 - e1)**2, minlength=SCORE_BLOCKS)
     gain, white = float(d.sum()), 2.0 * math.sqrt(float(told.sum()) * unit)
     s = math.sqrt(SCORE_BLOCKS * float(d.var(ddof=1)))
-    if m.is_flown:
+    if m.log.is_flown:
         rest = d - gain / max(float(told.sum()), 1e-300) * told
         return gain, max(min(s, math.sqrt(SCORE_BLOCKS / (SCORE_BLOCKS - 1.0) * float(rest @ rest))), white, 1e-9)
-    a0, a1 = (np.bincount(m.block, e * e, minlength=SCORE_BLOCKS) for e in (e0, e1))
-    count = np.bincount(m.block, minlength=SCORE_BLOCKS)
+    a0, a1 = (np.bincount(m.log.block, e * e, minlength=SCORE_BLOCKS) for e in (e0, e1))
+    count = np.bincount(m.log.block, minlength=SCORE_BLOCKS)
     z = max(float(x.mean() / (x.std(ddof=1) / math.sqrt(SCORE_BLOCKS) + 1e-9)) for x in (
         np.log((a0 + count + 1.0) / (a1 + count + 1.0)), np.sign(d) * np.sqrt(np.abs(d))))
     if gain > 0.0 and z > gain / max(s, 1e-9):
@@ -101,8 +102,8 @@ def covariance(m: Model, fit: Fit, unit: float) -> np.ndarray:
     keep = [i for i, j in enumerate(fit.free) if j not in _once(m)]
     G, moved = np.zeros((SCORE_BLOCKS, len(fit.free))), np.zeros((SCORE_BLOCKS, len(keep)))
     for block in range(SCORE_BLOCKS):
-        J = fit.J[m.block == block]
-        G[block] = along(J, fit.e[m.block == block])
+        J = fit.J[m.log.block == block]
+        G[block] = along(J, fit.e[m.log.block == block])
         rest = A - gram(J) + 1e-9 * np.diag(np.diag(A))
         moved[block] = np.linalg.solve(rest[np.ix_(keep, keep)], G[block, keep])
     robust = np.square(G @ C).sum(axis=0)

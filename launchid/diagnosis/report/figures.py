@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from sim.canvas import panels, save
 
 from ...figures.logs import logs_figure, looked_at
-from ..estimate import Fit
+from ...likelihood.estimate import Fit, refreshed
 from ..gain import CHANNELS, GAIN_HORIZON, SPACING, predictions
 from ..verdict import Result
 
@@ -34,14 +34,14 @@ def misfit(result: Result) -> Figure | None:
     m, gain = result.model, result.gain
     if m is None or gain is None:
         return None
-    channel = 0 if m.has["theta"] else 1
-    row = float(np.median(m.dt))
+    channel = 0 if m.log.has["theta"] else 1
+    row = m.log.period
     span = max(1, round(min(gain.longest, GAIN_HORIZON) / row))
-    starts = np.arange(max(10, m.n // 200), m.n - 1 - span, max(1, round(SPACING / row)))
+    starts = np.arange(max(10, m.log.n // 200), m.log.n - 1 - span, max(1, round(SPACING / row)))
     if len(starts) < 2:
         return None
-    change = m.z[starts + span, channel] - m.z[starts, channel]
-    t = m.t[starts + span] + m.track.record.shift
+    change = m.log.z[starts + span, channel] - m.log.z[starts, channel]
+    t = m.log.t[starts + span] + m.log.track.record.shift
     figure, (above, below) = panels(2, f"measured against predicted, {span * row:.2g} s ahead, blocks left out")
     above.plot(t, change, label="measured", **LOG_LINE)
     for label, style, fit in shown(result):
@@ -57,7 +57,7 @@ def misfit(result: Result) -> Figure | None:
         axis.legend(fontsize=8, ncol=3)
         for each in result.named:
             if "time" in each.parameters:
-                axis.axvline(each.values["time"] + m.track.record.shift, color="0", linestyle="-.", linewidth=0.9)
+                axis.axvline(each.values["time"] + m.log.track.record.shift, color="0", linestyle="-.", linewidth=0.9)
     return figure
 
 
@@ -66,20 +66,20 @@ def innovations(result: Result) -> Figure | None:
     m = result.model
     if m is None:
         return None
-    channels = [ch for ch, name in enumerate(CHANNELS) if m.has[name]]
+    channels = [ch for ch, name in enumerate(CHANNELS) if m.log.has[name]]
     figure, axes = panels(len(channels), "prediction errors one row ahead; dotted: 3 standard deviations")
-    t = m.t[:-1] + m.track.record.shift
+    t = m.log.t[:-1] + m.log.track.record.shift
     for label, style, fit in shown(result):
-        m.move_to(fit.p)
+        made = refreshed(m, fit).run
         for axis, ch in zip(axes, channels, strict=True):
-            inside = np.isfinite(m.S[:, ch])
-            outside = float(np.mean(np.abs(m.E[inside, ch]) > INNOVATION_BAND * np.sqrt(m.S[inside, ch])))
-            axis.plot(t[inside], m.E[inside, ch], color=style["color"], linewidth=0.5,
+            inside = np.isfinite(made.S[:, ch])
+            outside = float(np.mean(np.abs(made.E[inside, ch]) > INNOVATION_BAND * np.sqrt(made.S[inside, ch])))
+            axis.plot(t[inside], made.E[inside, ch], color=style["color"], linewidth=0.5,
                       label=f"{label}: {100 * outside:.1f} % outside")
             for sign in (-1.0, 1.0):
-                axis.plot(t[inside], sign * INNOVATION_BAND * np.sqrt(m.S[inside, ch]), color="0", linewidth=0.8,
+                axis.plot(t[inside], sign * INNOVATION_BAND * np.sqrt(made.S[inside, ch]), color="0", linewidth=0.8,
                           linestyle=":")
-            top = 1.2 * float(np.quantile(np.abs(m.E[inside, ch]), 0.999))
+            top = 1.2 * float(np.quantile(np.abs(made.E[inside, ch]), 0.999))
             if top > 0.0 and label == "nominal":
                 axis.set_ylim(-top, top)
             axis.set_ylabel(f"{CHANNELS[ch]} [{CHANNEL_UNITS[CHANNELS[ch]]}]")

@@ -9,11 +9,11 @@ from hidden import draw_spec, fly
 from launchid.diagnosis.adapter import read
 from launchid.diagnosis.answer import lines, report
 from launchid.diagnosis.believed import bending
-from launchid.diagnosis.candidates import CANDIDATE_KINDS, lines_in, usual
-from launchid.diagnosis.estimate import fit_levels, level_deviation
-from launchid.diagnosis.filter import nozzle_input, played
+from launchid.diagnosis.candidates import CANDIDATE_KINDS, lines_in
 from launchid.diagnosis.model import Model
 from launchid.diagnosis.verdict import diagnose
+from launchid.likelihood.command import nozzle_input, played
+from launchid.likelihood.estimate import evaluate, fit_levels, level_deviation
 from launchid.log.log import log_of_values
 from sim.effects import CATALOGUE
 from sim.nominal import load_nominal
@@ -31,9 +31,7 @@ def hidden(causes, seed, nominal="constant", factor=2.0, **given):
 def clean():
     """The model of a flight with nothing hidden."""
     log, _ = hidden(None, 71001, duration=30.0)
-    m = Model(read(log, load_nominal("constant")).track)
-    m.with_numbers(usual(m), [])
-    return m
+    return Model.of(read(log, load_nominal("constant")).track)
 
 
 # ---- the answer with a known truth
@@ -79,11 +77,11 @@ def test_an_integral_is_another_law_where_the_log_misses_every_other_command():
 
 def test_a_tone_that_climbs_is_found_among_noise(clean):
     """To the width of a line, 2 pi over the log, and to what turns the phase by as much at either end."""
-    t = clean.t[:-1] + 0.5 * clean.dt - clean.centre
+    log = clean.log
+    t = log.t[:-1] + 0.5 * log.dt - log.centre
     tone = 0.3 * np.sin(4.0 * t + 0.5 * 0.11 * t**2 + 1.0)
-    clean.white(clean.null)
-    e = np.where(clean.channel == 1, tone[clean.rows], 0.0) + np.random.default_rng(1).normal(size=len(clean.rows))
-    span = float(clean.t[-1] - clean.t[0])
+    e = np.where(log.channel == 1, tone[log.rows], 0.0) + np.random.default_rng(1).normal(size=len(log.rows))
+    span = log.span
     frequency, climb = lines_in(clean, e, 1, climbs=True)[0]
     assert frequency == pytest.approx(4.0, abs=2.0 * np.pi / span)
     assert climb == pytest.approx(0.11, abs=8.0 * np.pi / span**2)
@@ -92,7 +90,7 @@ def test_a_tone_that_climbs_is_found_among_noise(clean):
 @pytest.mark.parametrize("frequency", [22.0, 40.0])
 def test_a_mode_swings_as_the_continuous_one_at_its_frequency(clean, frequency):
     """A nozzle that swings with it for long: gain over twice the damping, a quarter of a turn later."""
-    track, zeta = clean.track, 0.05
+    track, zeta = clean.log.track, 0.05
     step = track.period / track.sub
     time = step * np.arange(len(track.z) * track.sub)
     shift = bending(np.sin(frequency * time), frequency, zeta, track)[:, 0]
@@ -102,30 +100,31 @@ def test_a_mode_swings_as_the_continuous_one_at_its_frequency(clean, frequency):
 
 
 def test_a_rate_limit_that_limits_nothing_gives_the_command_back(clean):
-    u, out = clean.base_input.ravel(), np.empty(clean.base_input.size)
-    nozzle_input(u, clean.widths, clean.base_constants, 0.0, 0.0, 1e6, out)
+    log = clean.log
+    u, out = log.base_input.ravel(), np.empty(log.base_input.size)
+    nozzle_input(u, log.widths, log.servo_numbers(log.nominal_value), 0.0, 0.0, 1e6, out)
     assert out == pytest.approx(u, abs=1e-12)
 
 
 def test_whitened_innovations_of_the_truth_are_white(clean):
-    fit_levels(clean, clean.null, 4)
-    e = clean.white(clean.null)
+    m = fit_levels(clean, clean.table.null, 4)
+    e = evaluate(m, m.table.null).e
     assert abs(np.mean(e**2) - 1.0) < 0.05
     for channel in range(3):
-        x = e[clean.channel == channel]
+        x = e[m.log.channel == channel]
         assert abs(np.corrcoef(x[1:], x[:-1])[0, 1]) < 0.08
 
 
 def test_every_listed_cause_of_the_table_is_in_the_catalogue(clean):
-    causes = {each.cause for each in (*clean.numbers, *CANDIDATE_KINDS)} - {""}
+    causes = {each.cause for each in (*clean.table.numbers, *CANDIDATE_KINDS)} - {""}
     assert causes <= set(CATALOGUE)
 
 
 def test_a_noise_level_has_the_deviation_of_a_normal_sample(clean):
     """Of n rows the level is known to 1/sqrt(2 n) of itself, and less well by what the state takes of them."""
-    fit_levels(clean, clean.null, 4)
-    rows = np.count_nonzero(clean.channel == 2)
-    share = level_deviation(clean, clean.null, 2) / np.exp(clean.levels[2])
+    m = fit_levels(clean, clean.table.null, 4)
+    rows = np.count_nonzero(m.log.channel == 2)
+    share = level_deviation(m, m.table.null, 2) / np.exp(m.levels[2])
     assert 1.0 < share * np.sqrt(2.0 * rows) < 1.6
 
 
@@ -150,15 +149,10 @@ def test_a_gyro_that_is_whole_rows_late_is_put_back(clean):
     """The innovations of a column four rows late are those of the column itself, but for the rows that are lost."""
     columns, _ = fly(draw_spec(71001, None, "constant", 2.0, duration=30.0, rate=100.0))
     late = columns | {"theta_dot": np.append(np.full(4, columns["theta_dot"][0]), columns["theta_dot"][:-4])}
-    m = Model(read(log_of_values("log.csv", late), load_nominal("constant")).track)
-    m.with_numbers(usual(m), [])
-    m.retime(0.041)
-    assert m.retimed == pytest.approx(0.04)
-    p = m.null.copy()
-    p[m.index("gyro_delay")] = m.retimed
-    m.levels[:] = clean.levels
-    clean.white(clean.null)
-    m.move_to(p)
-    assert m.E[:-4] == pytest.approx(clean.E[:-4], abs=1e-8)
-    m.retime(0.043)
-    assert m.retimed == pytest.approx(0.04)
+    m = Model.of(read(log_of_values("log.csv", late), load_nominal("constant")).track).retime(0.041)
+    assert m.log.retimed == pytest.approx(0.04)
+    p = m.table.null.copy()
+    p[m.table.index("gyro_delay")] = m.log.retimed
+    put_back, own = evaluate(m.with_levels(clean.levels), p).run, evaluate(clean, clean.table.null).run
+    assert put_back.E[:-4] == pytest.approx(own.E[:-4], abs=1e-8)
+    assert m.retime(0.043) is m

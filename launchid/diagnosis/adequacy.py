@@ -1,0 +1,131 @@
+"""What speaks against a model or against a number of it: errors that are not noise, other shapes, a placebo."""
+
+import math
+
+import numpy as np
+
+from ..likelihood.estimate import Fit, evaluate, gauss_newton, gram, refreshed
+from ..likelihood.likelihood import LEVELS
+from ..sums import along, square
+from .candidates import CANDIDATE_KINDS
+from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, Elimination, Kept
+from .gain import Gain
+from .known import SCORE_BLOCKS
+from .model import Model
+from .scan import Found, with_shape
+from .score import compare, left_out
+
+GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with a signal: something is missing
+LOUD_LEVEL = 2.9       # times the declared, from which a level hides what is not modelled
+WHITE_SQUARES = 1.35   # mean square of whitened errors that a model at its noise may leave
+AHEAD, LEVEL = 0.85, 2.0     # of a stranger's log: share of the error ahead, noise level
+TURNING_SHARES, PLACEBO = (0.2, 0.45, 0.7), 2.0   # of the log, turns of the input; times that its own must win
+
+
+def adequacy(m: Model, fit: Fit) -> tuple[list[str], str | None]:
+    """Return what speaks against a model by itself, in words, and where: whitened errors that go with a signal, are
+    larger than their noise, or are no longer white."""
+    fit = refreshed(m, fit)
+    e, sent, motion = fit.e, fit.run.parameters.u.mean(axis=1), m.path.motion
+    signals = {"the rate": motion[:, 1], "the rate's sign": np.sign(motion[:, 1]), "the attitude": motion[:, 0],
+               "the attitude's square": (motion[:, 0] - motion[:, 0].mean())**2,
+               "the input": sent, "the input's square": (sent - sent.mean())**2, "time": m.log.tau}
+    words, place = [], None
+    for ch, name in enumerate(("theta", "theta_dot", "beta")):
+        mine = m.log.channel == ch
+        if mine.sum() < 200:
+            continue
+        k, x = m.log.rows[mine], e[mine]
+        size = math.sqrt(np.mean(x * x))
+        for what, signal in signals.items():
+            s = signal[np.maximum(k - 2, 0)]
+            s = s - s.mean()
+            s = s / (s.std() + 1e-300)
+            y = np.bincount(m.log.block[mine], s * x, minlength=SCORE_BLOCKS)
+            z, r = float(y.sum() / (math.sqrt(SCORE_BLOCKS) * y.std(ddof=1) + 1e-9)), float(np.mean(s * x))
+            if abs(z) > GOES_Z and r * r > GOES * np.mean(x * x):
+                words.append(f"errors of {name} go with {what} (z {z:.1f}, {100 * r * r / np.mean(x * x):.1f} %)")
+                place = place or ("actuator" if ch == 2 else None)
+        if m.log.is_flown:
+            factor = math.exp(m.levels[ch] - m.noise.declared[ch])
+            if factor * size > LOUD_LEVEL:
+                words.append(f"noise of {name} is {factor * size:.1f} times the declared")
+                place = place or ("actuator" if ch == 2 else "sensor")
+            elif size * size > WHITE_SQUARES:
+                words.append(f"errors of {name} are {size:.2f} times their noise")
+                place = place or ("actuator" if ch == 2 else None)
+    loud = math.exp((m.levels - m.noise.declared)[LEVELS.index("acceleration")])
+    if m.log.is_flown and loud > LOUD_LEVEL:
+        words.append(f"noise of the acceleration is {loud:.1f} times the declared")
+    return words, place
+
+
+def other_shape(m: Model, el: Elimination, k: Kept) -> str:
+    """Return in words what else, of no known cause, a kept number may be, so that it is not named; "": nothing.
+
+    An attitude that drifts parts the columns as a gyro's bias does, and only the moment of the drift that the vehicle
+    feels, which a slow disturbance may be too, tells the two apart.  A disturbance that weather leaves is neither.
+    """
+    name = k.group.kind
+    if m.air.weather and name != k.group.name and k.group.place == "environment":
+        return f"what {m.air.weather} leaves of the disturbance is like a {name}: it is neither"
+    if name != "gyro_bias" or not m.log.is_flown:
+        return ""
+    bias = m.table.index("gyro_bias")
+    drift = next(kind for kind in CANDIDATE_KINDS if kind.name == "attitude_walk")
+    drifting, p = with_shape(m, k.without, Found(drift, (), np.zeros(1), 0.0))
+    free = tuple(sorted({*el.final.free, bias, len(p) - 1}))
+    fit = gauss_newton(drifting, p, free, el.final.band | {bias}, 2)
+    costs, error = compare(m, left_out(drifting, fit), el.e_final, el.unit)
+    return "an attitude reference that drifts explains as much as a gyro_bias: another reference would decide" \
+        if costs < ALIKE_Z * error else ""
+
+
+def is_rest(m: Model, el: Elimination, k: Kept, largest: Kept) -> bool:
+    """Whether a number fits only what the largest cause leaves by not being the same along the log: where that changes
+    with time and its square, by as much as itself, the number is not needed."""
+    if k is largest or k.group.is_event or largest.group.is_event:
+        return False
+    fit, of = el.final, largest.group.numbers[:largest.group.linear]
+    off, tau = (fit.p - m.table.null)[list(fit.free)], m.log.tau[m.log.rows]
+    J = np.column_stack([fit.J, *(fit.J[:, fit.at(j)] * by for j in of for by in (tau, tau**2))])
+    sizes = [abs(fit.p[j] - m.table.null[j]) + 1e-12 for j in of for _ in range(2)]
+    prior = np.concatenate([m.table.prior[list(fit.free)], sizes])**-2.0
+    C = np.linalg.inv(gram(J) + np.diag(prior))
+    moved = -C @ (along(J, fit.e) + prior * np.append(off, np.zeros(len(sizes))))
+    at = [fit.at(j) for j in k.group.numbers[:k.group.linear]]
+    left = off[at] + moved[at]
+    return float(left @ np.linalg.solve(C[np.ix_(at, at)], left)) < MIN_SQUARES_SAVED * len(at)
+
+
+def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
+    """Return what speaks against a model of a log that the nominal's own simulation did not fly: "consistent" is then
+    no claim of noise alone."""
+    out = []
+    base, error = compare(m, el.e_final, el.e_full, el.unit)
+    if base > ALIKE_Z * error and base > MIN_SQUARES_SAVED:
+        out.append(f"left-out blocks: worse than the full model by {0.5 * base:.0f} +- {0.5 * error:.0f} nats")
+    if gain.floor < AHEAD:
+        out.append(f"the full model's error ahead is {gain.floor:.2f} of what these numbers leave")
+    for ch, name in enumerate(("theta", "theta_dot")):
+        if m.log.has[name] and m.levels[ch] - m.noise.declared[ch] > math.log(LEVEL):
+            out.append(f"noise of {name} is {math.exp(m.levels[ch] - m.noise.declared[ch]):.1f} times the declared")
+    return out
+
+
+def acts(m: Model, el: Elimination) -> bool:
+    """Whether the log's own input explains clearly more than the input of another time (a placebo)."""
+    inputs = [m.table.index(name) for name in ("k1", "term beta^2", "inertia") if name in m.table]
+    rest = tuple(j for j in range(len(m.table.numbers)) if j not in inputs and m.table.numbers[j].name not in
+                 ("delay", "lag", "washout", "k1_slope", "bandwidth", "gain", "null_angle"))
+    q = el.full.p.copy()
+    q[inputs] = 0.0
+    none = gauss_newton(m, q, rest, frozenset(), 2)
+    without = square(none.e)
+    own = without - square(evaluate(m, el.full.p).e)
+    wins = [5.0]
+    for part in TURNING_SHARES:
+        turned = m.turned(int(part * len(m.log.track.commands)))
+        fit = gauss_newton(turned, none.p, tuple(sorted({*rest, *inputs})), frozenset(), 2)
+        wins.append(without - square(fit.e))
+    return own > PLACEBO * max(wins)
