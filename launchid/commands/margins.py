@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from ..log.log import Log
     from ..robustness.flight_margins import Servo, WindowMargins
+    from ..robustness.flown import Choice
     from ..sources import LogSource, NominalSource
 
 
@@ -32,6 +33,12 @@ def add(commands: Any) -> None:
                      help=f"identify with {NOMINAL_HELP}; with [actuator] and [controller]")
     sub.add_argument("--window", type=float, metavar="S",
                      help="set the length of a window [s] (default %(default)s)")
+    sub.add_argument("--controller", metavar="WHICH",
+                     help="judge this controller: auto, the nominal's where its commands are the log's, else the law "
+                          "that the log tells; nominal; log; or numbers as kp=1.5,kd=0.6, which need not have flown "
+                          "(default %(default)s)")
+    sub.add_argument("--scale", metavar="kp=F,kd=G",
+                     help="judge it with these factors on its gains (default: none)")
     sub.add_argument("--tracked", action="store_true",
                      help="give those of the tracked estimate too, at each window's end")
     add_report(sub, "margins.json")
@@ -53,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_WINDOW, tracked: bool = False,
-            strict: bool = False) -> FlightMargins:
+            controller: str = "auto", scale: str | None = None, strict: bool = False) -> FlightMargins:
     """Return the stability margins of the flight's loop as identified, with 95 % intervals, window by window.
 
     Parameters
@@ -65,14 +72,19 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_W
         Length of a window [s].
     tracked : bool
         Also those of the tracked estimate at each window's end.
+    controller : str
+        Whose margins: of the controller that flew ("auto": the nominal's if its commands are the log's, else the law
+        that the log tells), "nominal", "log", or numbers such as "kp=1.5,kd=0.6", which need not have flown.
+    scale : str, optional
+        Factors on the gains, such as "kd=1.3".
     strict : bool
         Raise InputError where the data check finds a fault.
 
     Returns
     -------
     FlightMargins
-        Per window: low and high gain [dB], phase [deg], delay [ms], each with its 95 % interval; why where there is
-        none.
+        Per window: low and high gain [dB], phase [deg], delay [ms], modulus margin, each with its 95 % interval; why
+        where there is none.
 
     Raises
     ------
@@ -82,7 +94,9 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_W
     from ..identification.windows import identified, log_config, servo_note
     from ..log.check import checked
     from ..robustness.flight_margins import declared_servo
+    from ..robustness.flown import choice
     from ..sources import load_nominal, read_log
+    asked = choice(controller, scale)
     nominal = load_nominal(nominal)
     declared_servo(nominal)  # InputError for a loop without this model, before the log is checked
     checked_log = checked(read_log(log), nominal, strict=strict)
@@ -91,18 +105,22 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_W
     warnings = (*checked_log.warnings, *servo_note(log, nominal, config))
     result = identified(config, checked_log)
     return of_identified(log, nominal, result.config, result.judged.estimates, result.estimator.changes(), tracked,
-                         (*warnings, *result.warnings))
+                         (*warnings, *result.warnings), asked)
 
 
 def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate],
-                  changes: Sequence[Change], tracked: bool, warnings: tuple[str, ...] = ()) -> FlightMargins:
+                  changes: Sequence[Change], tracked: bool, warnings: tuple[str, ...] = (),
+                  asked: Choice | None = None) -> FlightMargins:
     """Return the stability margins of the windows that `identify` has estimated (`filtered`); tracked: also of its
-    tracked estimates; warnings: become the result's."""
+    tracked estimates; warnings: become the result's; asked: which controller's."""
     from ..identification.windows import next_step, why
     from ..robustness import flight_margins as fm
-    flown = fm.loop_that_flew(log, nominal, estimates)
-    windows = fm.flight_margins(nominal, estimates, changes, flown.refused)
-    servo = fm.last_servo(fm.declared_servo(nominal), estimates)
+    from ..robustness.flown import loop_that_flew
+    declared = fm.declared_servo(nominal)
+    servos = [fm.servo_at(declared, e) for e in estimates]
+    flown = loop_that_flew(log, nominal, estimates, servos, asked)
+    windows = fm.flight_margins(estimates, changes, flown, servos, fm.airframe_of(nominal), tracked)
+    servo = fm.last_servo(servos, declared)
     report = fm.report(windows, servo, nominal.margins, tracked, flown)
     if not any(window["valid"] for window in report["windows"]):
         report["why"] = why(report["windows"]).replace("is valid", "has margins")

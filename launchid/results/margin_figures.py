@@ -1,6 +1,6 @@
 """Figure of a flight's margins: over time, and one loop as Nichols chart and Bode plot, with 95 % regions."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +9,18 @@ from matplotlib.figure import Figure
 
 from sim.canvas import NOMINAL_COLOUR, TRACKED, TRACKED_BAND
 from sim.nominal import Nominal
+from sim.sections import Required
 
 from ..log.log import Log
-from ..robustness.flight_margins import MARGINS, Judged, WindowMargins, declared_servo, required_of
+from ..robustness.flight_margins import MARGINS, Judged, WindowMargins, airframe_of, declared_servo, required_of
+from ..robustness.flown import of_nominal
+from ..robustness.gains import kept_over
 from ..robustness.loops import Loops, loops, plants_of
 from ..robustness.margin_spread import MARGIN_NAMES, ellipsoid
 
 DECADES = (-1.0, 0.02)   # of the frequency axis around the crossover: from, and below half the sampling rate
 CURVE_POINTS = 400
+GAIN_FACTORS = np.geomspace(0.25, 4.0, 25)  # on kp and kd
 RIM = 96                 # loops on the ellipsoid that draw the region
 CORNERS = np.array([(a, k) for a in (-1.0, 1.0) for k in (-1.0, 1.0)])
 PHASE_AXIS = (-400.0, -80.0)  # deg that the Bode plot shows
@@ -24,38 +28,43 @@ MOST_WIDE = 8.0          # times the median interval: a wider one says little, a
 NICHOLS_RANGE = 40.0     # dB that the Nichols chart shows of either side
 
 
-def margins_figure(log: Log, nominal: Nominal, windows: Sequence[WindowMargins], report: dict[str, Any]) -> Figure:
+def margins_figure(log: Log, nominal: Nominal | None, windows: Sequence[WindowMargins],
+                   report: dict[str, Any]) -> Figure:
     """Draw left the margins over flight time, with intervals and required values; right the last window that has
-    margins, as Nichols chart and Bode plot, with the nominal's loop and those at the corners of its range."""
-    figure = Figure(figsize=(13.5, 8.6), layout="constrained")
+    margins, as Nichols chart and Bode plot, with the nominal's loop and those at the corners of its range, and which
+    gains keep what is required."""
+    required = Required() if nominal is None else nominal.margins
+    figure = Figure(figsize=(13.5, 10.8), layout="constrained")
     figure.suptitle(f"{Path(log.path).name}: stability margins of the loop as identified, 95 % intervals", fontsize=11)
     grid = figure.add_gridspec(len(MARGIN_NAMES), 2, width_ratios=[1.15, 1.0])
     over: list[Any] = []
     for k, name in enumerate(MARGIN_NAMES):
         over.append(figure.add_subplot(grid[k, 0], sharex=over[0] if over else None))
-        _over_time(over[k], name, report, nominal)
+        _over_time(over[k], name, report, required)
     over[0].legend(fontsize=7, ncol=4, loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False)
     over[-1].set_xlabel("t [s]")
     last = next((each for each in reversed(windows) if each.window.valid), None)
     if last is not None:
         nichols, gain = figure.add_subplot(grid[:2, 1]), figure.add_subplot(grid[2, 1])
         phase = figure.add_subplot(grid[3, 1], sharex=gain)
-        _one_loop((nichols, gain, phase), nominal, last)
+        _one_loop((nichols, gain, phase), nominal, required, last)
+        _gains(figure.add_subplot(grid[4, 1]), required, last.window)
     for axis in figure.axes:
         axis.grid(True, color="0.88", linewidth=0.6)
         axis.tick_params(labelsize=8)
     return figure
 
 
-def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -> None:
+def _over_time(axis: Any, name: str, report: dict[str, Any], required: Required) -> None:
     """Draw one margin of the windows and of the tracked estimates, with its required value."""
     windows = report["windows"]
     shown = []
     for estimate, rows in (("tracked", [(w["t_end"], 0.0, w["tracked"]) for w in windows if "tracked" in w]),
                            ("window", [(0.5 * (w["t_start"] + w["t_end"]), 0.5 * (w["t_end"] - w["t_start"]), w)
                                        for w in windows])):
-        kept = [(t, half, *(np.nan if one[name][key] is None else one[name][key] for key in ("value", "low", "high")))
-                for t, half, one in rows]   # one that has no margins breaks the line
+        # one that has no margins breaks the line
+        kept = [(t, half, *_upward(name, (np.nan if one[name][key] is None else one[name][key]
+                                          for key in ("value", "low", "high")))) for t, half, one in rows]
         if not any(one["valid"] for *_, one in rows):
             continue
         t, half, value, low, high = np.array(kept, dtype=float).T
@@ -68,7 +77,7 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
             ends = np.nan_to_num(np.abs([value - low, high - value]))
             axis.errorbar(t, value, xerr=half, yerr=ends, fmt="o", color="0.0", markersize=3, linewidth=0.8,
                           label="window, 95 % interval")
-    demand = required_of(nominal.margins, name)
+    demand = abs(required_of(required, name)) if MARGINS[name].required else 0.0
     if demand != 0.0:
         axis.axhline(demand, color="0.0", linestyle="--", linewidth=1.1, label="required")
     for w in windows:
@@ -76,8 +85,14 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], nominal: Nominal) -
             axis.axvspan(w["t_start"], w["t_end"], facecolor="0.96", edgecolor="0.8", hatch="//", linewidth=0, zorder=0)
             axis.text(0.5 * (w["t_start"] + w["t_end"]), 0.05, w["status"], ha="center", fontsize=6, color="0.25",
                       transform=axis.get_xaxis_transform())
-    axis.set_ylabel(f"{MARGINS[name].words}\n[{MARGINS[name].unit}]", fontsize=8)
+    axis.set_ylabel(MARGINS[name].words + (f"\n[{MARGINS[name].unit}]" if MARGINS[name].unit else ""), fontsize=8)
     _scale(axis, np.concatenate(shown) if shown else np.zeros(0), demand)
+
+
+def _upward(name: str, interval: Iterable[float]) -> tuple[float, float, float]:
+    """Return a margin's value, low, high so that more is better: the low gain margin as how far the gain may fall."""
+    value, low, high = interval
+    return (-value, -high, -low) if MARGINS[name].sign < 0.0 else (value, low, high)
 
 
 def _scale(axis: Any, shown: np.ndarray, demand: float) -> None:
@@ -90,33 +105,23 @@ def _scale(axis: Any, shown: np.ndarray, demand: float) -> None:
     axis.set_ylim(low - 0.12 * (high - low) - 1e-3, high + 0.12 * (high - low) + 1e-3)
 
 
-def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal, window: WindowMargins) -> None:
+def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal | None, required: Required, window: WindowMargins) -> None:
     """Draw the Nichols chart and Bode plot of a window's loop, the nominal's, and those at the corners of its range."""
-    controller, middle = nominal.controller, 0.5 * (window.t_start + window.t_end)
-    assert controller is not None
-    family = _family(window.window, nominal)
-    believed = np.array([*(float(x) for x in nominal.vehicle.at(np.array(middle))), *declared_servo(nominal).mean])
-    top = np.log10(np.pi / controller.period)
+    middle, controller, known = 0.5 * (window.t_start + window.t_end), window.window.controller, window.window.known
+    assert controller is not None and known is not None
+    top = np.log10(np.pi / controller.law.period)
     omega = np.logspace(DECADES[0], top - DECADES[1], CURVE_POINTS)
-    band = _response(loops(plants_of(family), controller), omega)
+    band = _response(known.loops(_family(window.window), controller.law), omega)
     nichols, gain, phase = axes
     nichols.plot(band[1][1:].T, band[0][1:].T, color="0.82", linewidth=1.6, zorder=1)
     nichols.plot([], [], color="0.82", linewidth=4, label="as identified, 95 % region")
     for axis, values in ((gain, band[0]), (phase, band[1])):
         axis.fill_between(omega, values.min(axis=0), values.max(axis=0), color="0.82", label="95 % band")
         axis.semilogx(omega, values[0], color="0.0", linewidth=1.3, label="as identified", zorder=4)
-    if nominal.uncertainty is not None:
-        sigma = np.array([float(x) for x in nominal.uncertainty.at(np.array(middle))])
-        box = np.column_stack([believed[:2] * (1.0 + sigma * CORNERS), np.tile(believed[2:], (4, 1))])
-        corners = _response(loops(plants_of(box), controller), omega)
-        nichols.plot(corners[1].T, corners[0].T, ":", color=NOMINAL_COLOUR, linewidth=0.9, zorder=2)
-        nichols.plot([], [], ":", color=NOMINAL_COLOUR, label="corners of the nominal's range")
-    response = _response(loops(plants_of(believed[None]), controller), omega)
-    decibels, degrees = (each[0] for each in response)
-    for axis, x, y in ((nichols, degrees, decibels), (gain, omega, decibels), (phase, omega, degrees)):
-        axis.plot(x, y, "--", color=NOMINAL_COLOUR, linewidth=1.3, label="nominal", zorder=3)
+    if nominal is not None and nominal.controller is not None and nominal.actuator is not None:
+        _believed((nichols, gain, phase), nominal, middle, omega)
     nichols.plot(band[1][0], band[0][0], color="0.0", linewidth=1.4, label="as identified", zorder=4)
-    _required_cross(nichols, nominal)
+    _required_cross(nichols, required)
     nichols.set_title(f"window {window.t_start:g}..{window.t_end:g} s", fontsize=9, loc="left")
     gain.axhline(0.0, color="0.4", linewidth=0.7)
     phase.axhline(-180.0, color="0.4", linewidth=0.7)
@@ -128,8 +133,46 @@ def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal, window: WindowMargin
     gain.legend(fontsize=7, loc="upper right")
 
 
-def _family(judgement: Judged, nominal: Nominal) -> np.ndarray:
-    """Return a window's parameters, then RIM on the ellipsoid of their 95 % interval: (1 + RIM, 5)."""
+def _believed(axes: tuple[Any, Any, Any], nominal: Nominal, middle: float, omega: np.ndarray) -> None:
+    """Draw the nominal's loop at `middle` [s] and those at the corners of its range, over omega (p,) [rad/s]."""
+    servo, airframe = declared_servo(nominal), airframe_of(nominal)
+    law = of_nominal(nominal).law.times(airframe.gain)
+    believed = np.array([*(float(x) for x in nominal.vehicle.at(np.array(middle))), *servo.mean, airframe.damping])
+    omega = omega[omega < np.pi / law.period]
+    nichols = axes[0]
+
+    def response(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _response(loops(plants_of(rows, servo.is_first_order, airframe.modes), law), omega)
+
+    if nominal.uncertainty is not None:
+        sigma = np.array([float(x) for x in nominal.uncertainty.at(np.array(middle))])
+        box = np.column_stack([believed[:2] * (1.0 + sigma * CORNERS), np.tile(believed[2:], (4, 1))])
+        corners = response(box)
+        nichols.plot(corners[1].T, corners[0].T, ":", color=NOMINAL_COLOUR, linewidth=0.9, zorder=2)
+        nichols.plot([], [], ":", color=NOMINAL_COLOUR, label="corners of the nominal's range")
+    decibels, degrees = (each[0] for each in response(believed[None]))
+    for axis, x, y in zip(axes, (degrees, omega, omega), (decibels, decibels, degrees), strict=True):
+        axis.plot(x, y, "--", color=NOMINAL_COLOUR, linewidth=1.3, label="nominal", zorder=3)
+
+
+def _gains(axis: Any, required: Required, judgement: Judged) -> None:
+    """Draw over factors on kp and kd where a window's loop keeps what is required: with 95 %, as estimated."""
+    kp, kd = np.meshgrid(GAIN_FACTORS, GAIN_FACTORS)
+    kept = kept_over(judgement, kp.ravel(), kd.ravel(), required).reshape(kp.shape)
+    axis.contourf(GAIN_FACTORS, GAIN_FACTORS, kept, levels=[-0.5, 0.5, 1.5, 2.5], colors=["1.0", "0.85", "0.65"])
+    axis.plot([1.0], [1.0], "+", color="0.0", markersize=9, markeredgewidth=1.6)
+    axis.set_xscale("log")
+    axis.set_yscale("log")
+    axis.set_xticks([0.25, 0.5, 1.0, 2.0, 4.0], ["0.25", "0.5", "1", "2", "4"])
+    axis.set_yticks([0.25, 0.5, 1.0, 2.0, 4.0], ["0.25", "0.5", "1", "2", "4"])
+    axis.minorticks_off()
+    axis.set_xlabel("factor on kp", fontsize=8)
+    axis.set_ylabel("factor on kd", fontsize=8)
+    axis.set_title("dark: keeps what is required with 95 %; light: as estimated; +: as judged", fontsize=7, loc="left")
+
+
+def _family(judgement: Judged) -> np.ndarray:
+    """Return a window's numbers, then RIM on the ellipsoid of their 95 % interval: (1 + RIM, k)."""
     assert judgement.known is not None
     rim = ellipsoid(judgement.known, RIM)
     return np.concatenate([judgement.known.mean[None], rim])
@@ -144,9 +187,9 @@ def _response(many: Loops, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return size, phase - 360.0 * turns[:, None]
 
 
-def _required_cross(axis: Any, nominal: Nominal) -> None:
+def _required_cross(axis: Any, required: Required) -> None:
     """Draw the critical point, and the required margins around it, which the curve must stay outside of."""
-    gain, phase = nominal.margins.gain_db, nominal.margins.phase_deg
+    gain, phase = required.gain_db, required.phase_deg
     axis.plot([-180.0], [0.0], "+", color="0.0", markersize=9, markeredgewidth=1.6, zorder=5)
     axis.plot([-180.0 - phase, -180.0, -180.0 + phase, -180.0, -180.0 - phase], [0.0, gain, 0.0, -gain, 0.0], "-.",
               color="0.0", linewidth=1.0, zorder=5, label=f"required: {gain:g} dB, {phase:g} degrees")

@@ -9,7 +9,7 @@ from sim.errors import InputError
 
 from ..charts.page import table, text
 from ..charts.report import Picture, paragraphs, write_report
-from ..robustness.flight_margins import MARGIN_NAMES, MARGINS, closing_lines, interval_words
+from ..robustness.flight_margins import MARGIN_NAMES, closing_lines, gain_lines, heads, margin_words
 from ..shown import with_std
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ MARGIN_WORDS = (
     ("gain, high", "how far the loop's gain may rise before the vehicle is unstable"),
     ("phase", "the smallest phase margin of all crossovers"),
     ("delay", "the delay that the loop still bears"),
+    ("modulus margin", "the least distance |1 + L| from the critical point; its inverse Ms is the largest sensitivity"),
     ("P(stable)", "the probability that the loop as identified is stable"),
     ("interval", "95 %, from the covariance of a6, k1 and the servo's numbers"))
 
@@ -86,18 +87,18 @@ def margins_report(found: "FlightMargins", folder: str | Path) -> None:
         for of, one in (("window", window), *((("tracked", window["tracked"]),) if "tracked" in window else ())):
             stable = one["stable"]["probability"]
             rows.append([f"{window['t_start']:g} .. {window['t_end']:g}", of, text(one["status"]),
-                         *(text(interval_words(one[name], MARGINS[name].unit)) for name in MARGIN_NAMES),
+                         *(text(margin_words(one[name], name)) for name in MARGIN_NAMES),
                          "-" if stable is None else f"{stable:.4f}"])
             chosen.append(any(each["t_start"] == window["t_start"] and each["estimate"] == of
                               for each in said["below"] + said["may_be_below"]))
-    lines = [*closing_lines(said), *(said[key] for key in ("why", "next") if key in said), *said["findings"],
-             *(f"assumed: {each}" for each in said["assumed"]), *found.warnings]
+    lines = [*closing_lines(said), *gain_lines(said), *(said[key] for key in ("why", "next") if key in said),
+             *said["findings"], *(f"assumed: {each}" for each in said["assumed"]), *found.warnings]
     required = found.nominal.margins
     first = "".join(f"<p>{text(line)}</p>" for line in lines) + paragraphs(
         [f"Required: {required.gain_db:g} dB, {required.phase_deg:g} degrees"
          + (f", {required.delay_ms:g} ms" if required.delay_ms > 0.0 else "") + "; bold: below it, or perhaps."])
     first += table(["window [s]", "of", "status",
-                    *(f"{MARGINS[name].words} [{MARGINS[name].unit}]" for name in MARGIN_NAMES), "P(stable)"],
+                    *heads(), "P(stable)"],
                    rows, chosen)
     pictures = {"margins.png": Picture("Margins over the flight, and the last loop",
         "Left: margins with 95 % intervals, and what is required. Right: the last window that has margins, as Nichols "

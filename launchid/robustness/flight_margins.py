@@ -1,20 +1,18 @@
-"""Gain, phase and delay margins of a flight from its estimates: of every window, and of the tracked estimate at its
-end.
+"""Margins of a flight from its estimates: of every window, and of the tracked estimate at its end.
 
-Loop: the nominal's controller around the rigid launcher as identified, a6 and k1 frozen (at the window's centre, or
-tracked at its end), behind the servo: the nominal's or, where the nominal declares it uncertain, the one estimated by
-the window's end.  Errors of the servo are in a6, k1 and their covariance already; the correlation between their errors
-and the servo's is left out (`docs/margins.md` says how that was checked).
+Loop: the controller that flew (`flown`), or another one that is asked about, around the launcher as identified, a6 and
+k1 frozen (at the window's centre, or tracked at its end), behind the servo: the nominal's or, where the nominal
+declares it uncertain, the one estimated by the window's end.  Errors of the servo are in a6, k1 and their covariance
+already; the correlation between their errors and the servo's is left out (`docs/margins.md` says how that was checked).
 
 No margins has: a window that the estimator refuses; a window in which a6 or k1 changed suddenly (status CHANGE), nor
-the tracked estimate until CHANGE_SETTLED after it, since no frozen loop is that flight's; and a window in which another
-loop flew: its commands are not the nominal controller's (CONTROLLER), or its nozzle does not answer them as the servo
-does (MODEL).
+the tracked estimate until CHANGE_SETTLED after it, since no frozen loop is that flight's; and a window whose loop is
+not known: commands that no law explains (CONTROLLER), a nozzle that does not answer them as the servo does (MODEL), or
+what cannot be asked (UNCHECKED).
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,37 +23,27 @@ from sim.errors import InputError
 from sim.nominal import Nominal
 from sim.sections import SERVO, Required
 
-from ..controller.replay import MIN_COMMANDS, Replay, replay, rms
-from ..log.log import Log
 from ..onboard import onboard_model
 from ..shown import servo_lines
-from .lft import refuse_foreign_loop
+from . import flown as fl
+from .gains import allowed
+from .loops import Mode
 from .margin_spread import MARGIN_NAMES, MARGINS, Known, Spread, json_number, margin_spread
-from .servo_check import contradictions, followed, words
 
 # of what has margins or has none; else the estimator's own status
 OK_MARK, CHANGE_MARK, UNKNOWN_MARK = "OK", "CHANGE", "UNKNOWN"
-CONTROLLER, MODEL_MARK = "CONTROLLER", "MODEL"    # another controller flew, another servo
-FROZEN = "no bending, slosh, lateral drift, limit of angle or rate in the loop, all of which stands still"
-DECLARE = "; declare natural_frequency_sigma, damping_ratio_sigma, delay_sigma in [actuator], and it is estimated"
 CHANGE_SETTLED = 2.0  # s after a sudden change, when its size is final
 NO_MARGIN = {"value": None, "std": None, "low": None, "high": None}
-OTHER_LOOP = ("aero_damping", "actuator_gain")    # effects that the estimator knows of and the frozen loop does not
-
-
-class Servo(NamedTuple):
-    """What is known of a servo: natural frequency [rad/s], damping ratio, delay [s] (3,), their covariance (3, 3)."""
-
-    mean: np.ndarray
-    covariance: np.ndarray
+Servo = fl.Servo
 
 
 class Judged(NamedTuple):
-    """Margins of one estimate (`spread`), and its a6, k1 and servo (`known`); both None unless `status` is "OK"."""
+    """Margins of one estimate (`spread`), its numbers (`known`) and its controller; None unless `status` is "OK"."""
 
     status: str
     known: Known | None = None
     spread: Spread | None = None
+    controller: fl.Judged | None = None
 
     @property
     def valid(self) -> bool:
@@ -71,20 +59,41 @@ class WindowMargins(NamedTuple):
     tracked: Judged
 
 
+class Airframe(NamedTuple):
+    """What is known of the loop beside a6, k1, servo and controller: damping [1/s] and its standard deviation, a factor
+    on the commands, modes."""
+
+    damping: float = 0.0
+    damping_std: float = 0.0
+    gain: float = 1.0
+    modes: tuple[Mode, ...] = ()
+
+
 def declared_servo(nominal: Nominal) -> Servo:
-    """Return a nominal's servo, its sigma as covariance; InputError if the loop is not rigid body, servo and PD."""
-    nominal.require("actuator", "controller")
-    refuse_foreign_loop(nominal, "the frozen loop")
-    for effect in nominal.effects:
-        given = values(effect)
-        is_neutral = given.get("scale", 1.0) == 1.0 and given.get("coefficient", 0.0) == 0.0
-        if effect.name in OTHER_LOOP and not is_neutral:
-            raise InputError(f"{nominal.path}: effect {effect.name!r}: the frozen loop has no model of it; expected a "
-                             "nominal without it")
+    """Return a nominal's servo, its sigma as covariance; InputError if the loop has a part without a model."""
+    nominal.require("actuator")
+    if nominal.drift is not None:
+        raise InputError(f"{nominal.path}: [drift]: the frozen loop has no model of it yet; expected a nominal without "
+                         "it")
     model = onboard_model(nominal)
+    if model.time_constant > 0.0:
+        return Servo(np.array([1.0 / model.time_constant, 1.0, model.delay]),
+                     np.diag([0.0, 0.0, model.delay_sigma**2]), True)
     sigma = (model.natural_frequency_sigma * model.natural_frequency, model.damping_ratio_sigma * model.damping_ratio,
              model.delay_sigma)
     return Servo(np.array([model.natural_frequency, model.damping_ratio, model.delay]), np.diag(np.square(sigma)))
+
+
+def airframe_of(nominal: Nominal) -> Airframe:
+    """Return what a nominal's effects add to the frozen loop."""
+    damping, gain = 0.0, 1.0
+    for effect in nominal.effects:
+        given = values(effect)
+        if effect.name == "aero_damping":
+            damping += float(given["coefficient"])
+        elif effect.name == "actuator_gain":
+            gain *= float(given["scale"])
+    return Airframe(damping, 0.0, gain)
 
 
 def servo_at(declared: Servo, e: Estimate) -> Servo:
@@ -97,129 +106,88 @@ def servo_at(declared: Servo, e: Estimate) -> Servo:
     return Servo(mean, np.outer(std, std) * shared)
 
 
-def last_servo(declared: Servo, estimates: Sequence[Estimate]) -> Servo:
+def last_servo(servos: Sequence[Servo], declared: Servo) -> Servo:
     """Servo of the last window whose estimate is finite (the model was not contradicted); `declared` if there is
     none."""
-    shown = (servo_at(declared, e) for e in reversed(estimates))
-    return next((servo for servo in shown if np.isfinite(servo.mean).all()), declared)
+    return next((servo for servo in reversed(servos) if np.isfinite(servo.mean).all()), declared)
 
 
-@dataclass
-class Flown:
-    """Whether the nominal's controller and servo flew; margins hold for them alone.
-
-    refused   window number -> status (CONTROLLER or MODEL), of the windows in which another loop flew
-    findings  sentences on them;  assumed  sentences on what the log cannot test
-    """
-
-    refused: dict[int, str] = field(default_factory=dict)
-    findings: list[str] = field(default_factory=list)
-    assumed: list[str] = field(default_factory=lambda: [FROZEN])
-
-
-def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate]) -> Flown:
-    """Return for each window whether the log's commands are the nominal controller's and its nozzle the servo's."""
-    flown = Flown()
-    replayed, follows = replay(log, nominal), followed(log, onboard_model(nominal))
-    if isinstance(replayed, str):
-        flown.assumed.append(f"the controller is the nominal's (not tested: {replayed})")
-    else:
-        _test_controller(flown, replayed, estimates)
-    if isinstance(follows, str):
-        flown.assumed.append(f"the servo is as declared, and does not change (not tested: {follows})")
-    else:
-        declared = declared_servo(nominal)
-        servos = [servo_at(declared, e) for e in estimates]
-        windows = [(e.t_start, e.t_end) for e in estimates]
-        asked = contradictions(follows, windows, servos)
-        found = asked.found
-        if not declared.covariance.any() and np.isfinite(asked.shown).all():
-            w, zeta, delay = asked.shown
-            flown.assumed.append(f"the servo's numbers are those declared: differences below {w:.2g} rad/s, "
-                                 f"{zeta:.2g} of the damping ratio, {1e3 * delay:.2g} ms of delay would not have shown"
-                                 + DECLARE)
-        _note(flown.assumed, "the servo does not change", [each is None for each in found])
-        if another := [k for k, is_other in enumerate(found) if is_other]:
-            flown.refused |= {k: MODEL_MARK for k in another if k not in flown.refused}
-            flown.findings.append(
-                f"in {_count(another, estimates)} the nozzle does not answer the commands as the servo does (MODEL): "
-                + words(follows, windows[another[-1]], servos[another[-1]].mean)
-                + DECLARE * (not declared.covariance.any()))
-    return flown
-
-
-def _test_controller(flown: Flown, replayed: Replay, estimates: Sequence[Estimate]) -> None:
-    judged = [replayed.judged(e.t_start, e.t_end) for e in estimates]
-    few = [int(np.count_nonzero(ticks)) < MIN_COMMANDS for ticks in judged]
-    _note(flown.assumed, "the controller is the nominal's", few)
-    others = [k for k, ticks in enumerate(judged) if not few[k] and replayed.contradicts(ticks)]
-    if others:
-        flown.refused |= dict.fromkeys(others, CONTROLLER)
-        ticks = np.any([judged[k] for k in others], axis=0)
-        flown.findings.append(
-            f"in {_count(others, estimates)} the commands are not the nominal controller's (CONTROLLER): rms "
-            f"{rms(replayed.misfit[ticks]):.2g} rad apart, {replayed.tolerance:.2g} would be none; "
-            f"{replayed.words(replayed.explained(ticks))}")
-
-
-def _count(which: Sequence[int], estimates: Sequence[Estimate]) -> str:
-    """Return how many windows `which` (numbers) lists, and from when on: `3 of 14 windows, from 30 s on,`."""
-    return f"{len(which)} of {len(estimates)} windows, from {estimates[which[0]].t_start:g} s on,"
-
-
-def _note(assumed: list[str], what: str, unasked: Sequence[bool]) -> None:
-    if any(unasked):
-        assumed.append(f"{what} (not tested in {sum(unasked)} of {len(unasked)} windows: too few rows)")
-
-
-def flight_margins(nominal: Nominal, estimates: Sequence[Estimate], changes: Sequence[Change],
-                   refused: Mapping[int, str] | None = None) -> list[WindowMargins]:
-    """Return the margins of each window (estimate) with the nominal's controller; InputError as `declared_servo`.
-
-    refused  window number -> status, of windows in which another loop flew: they get this status and no margins
-    """
-    declared, windows = declared_servo(nominal), []
+def flight_margins(estimates: Sequence[Estimate], changes: Sequence[Change], flown: fl.Flown, servos: Sequence[Servo],
+                   airframe: Airframe, is_tracked: bool = True) -> list[WindowMargins]:
+    """Return the margins of each window (estimate) with the controller that is judged in it; is_tracked: also those of
+    the tracked estimates, which else are UNKNOWN."""
+    windows = []
     for k, e in enumerate(estimates):
-        if refused is not None and k in refused:
-            of_window = of_tracked = Judged(refused[k])
+        controller = flown.judged[k]
+        if k in flown.refused or controller is None:
+            of_window = of_tracked = Judged(flown.refused.get(k, fl.UNCHECKED))
         else:
-            servo = servo_at(declared, e)
-            of_window, of_tracked = _of_window(nominal, e, changes, servo), _of_tracked(nominal, e, changes, servo)
+            servo = servos[k] if flown.servo is None else servos[k]._replace(covariance=flown.servo)
+            of_window = _of_window(e, changes, servo, controller, airframe)
+            of_tracked = _of_tracked(e, changes, servo, controller, airframe) if is_tracked else Judged(UNKNOWN_MARK)
         windows.append(WindowMargins(e.t_start, e.t_end, of_window, of_tracked))
     return windows
 
 
-def _of_window(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo) -> Judged:
+def _of_window(e: Estimate, changes: Sequence[Change], servo: Servo, controller: fl.Judged,
+               airframe: Airframe) -> Judged:
     if not e.valid:
         return Judged(e.status.name)
     if any(e.t_start < change.t < e.t_end for change in changes):
         return Judged(CHANGE_MARK)
-    return judged(nominal, (e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr), servo)
+    return margins_of((e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr), servo, controller, airframe)
 
 
-def _of_tracked(nominal: Nominal, e: Estimate, changes: Sequence[Change], servo: Servo) -> Judged:
-    if e.status.name == MODEL_MARK:
-        return Judged(MODEL_MARK)
+def _of_tracked(e: Estimate, changes: Sequence[Change], servo: Servo, controller: fl.Judged,
+                airframe: Airframe) -> Judged:
+    if e.status.name == fl.MODEL_MARK:
+        return Judged(fl.MODEL_MARK)
     if e.tracked is None or not e.tracked.valid:
         return Judged(UNKNOWN_MARK)
     if any(change.t <= e.t_end < change.t + CHANGE_SETTLED for change in changes):
         return Judged(CHANGE_MARK)
-    return judged(nominal, tuple(e.tracked)[1:], servo)
+    return margins_of(tuple(e.tracked)[1:], servo, controller, airframe)
+
+
+def margins_of(rigid: Sequence[float], servo: Servo, controller: fl.Judged, airframe: Airframe) -> Judged:
+    """Return the margins of a loop; status UNKNOWN and no margins if a number is not finite.
+
+    rigid  a6, k1 [1/s^2], their two standard deviations, their correlation
+    """
+    if not all(map(math.isfinite, (*rigid, *servo.mean.tolist()))):
+        return Judged(UNKNOWN_MARK)
+    a6, k1, a6_std, k1_std, correlation = rigid
+    has_damping = airframe.damping != 0.0 or airframe.damping_std > 0.0
+    count = 6 if has_damping else 5
+    mean, covariance = np.zeros(count), np.zeros((count, count))
+    mean[:5] = a6, k1, *servo.mean
+    covariance[:2, :2] = np.outer((a6_std, k1_std), (a6_std, k1_std)) * [[1.0, correlation], [correlation, 1.0]]
+    covariance[2:5, 2:5] = servo.covariance
+    if has_damping:
+        mean[5], covariance[5, 5] = airframe.damping, airframe.damping_std**2
+    laws = None
+    if controller.fitted is not None and controller.fitted.covariance.any():
+        numbers, fitted = len(controller.fitted.numbers), controller.fitted
+        covariance = np.block([[covariance, np.zeros((count, numbers))],
+                               [np.zeros((numbers, count)), fitted.covariance]])
+        mean = np.append(mean, fitted.numbers)
+
+        def laws(rows: np.ndarray) -> fl.Law:
+            return controller.laws(rows).times(airframe.gain)
+
+    known = Known(mean, covariance, count, servo.is_first_order, airframe.modes, laws)
+    return Judged(OK_MARK, known, margin_spread(known, controller.law.times(airframe.gain)), controller)
 
 
 def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, gains: tuple[float, float] | None = None) -> Judged:
     """Return the margins with `rigid` = (a6, k1 [1/s^2], their two stds, their correlation), the nominal's controller
     and `servo`; gains (kp, kd [s]) replace the controller's.  Status UNKNOWN and no margins if a number is not
     finite."""
-    if not all(map(math.isfinite, (*rigid, *servo.mean.tolist()))):
-        return Judged(UNKNOWN_MARK)
-    a6, k1, a6_std, k1_std, correlation = rigid
-    covariance = np.zeros((5, 5))
-    covariance[:2, :2] = np.outer((a6_std, k1_std), (a6_std, k1_std)) * [[1.0, correlation], [correlation, 1.0]]
-    covariance[2:, 2:] = servo.covariance
-    known = Known(np.array([a6, k1, *servo.mean]), covariance)
-    assert nominal.controller is not None
-    return Judged(OK_MARK, known, margin_spread(known, nominal.controller, *(gains or ())))
+    own = fl.of_nominal(nominal)
+    assert own.controller is not None
+    if gains is not None:
+        own = fl.Judged(fl.OF_NOMINAL, fl.law_of(own.controller, *gains, late=own.late), controller=own.controller)
+    return margins_of(rigid, servo, own, airframe_of(nominal))
 
 
 # ---- the answer
@@ -231,12 +199,16 @@ def interval_json(spread: Spread, name: str) -> dict[str, float | None]:
 
 
 def margins_json(judgement: Judged) -> dict[str, Any]:
-    """Return one estimate's margins as JSON: valid, status, value/std/low/high of each of MARGIN_NAMES, stable."""
+    """Return one estimate's margins as JSON: valid, status, value/std/low/high of each of MARGIN_NAMES, stable, ms,
+    crossover [rad/s], controller."""
     spread = judgement.spread
     said: dict[str, Any] = {"valid": judgement.valid, "status": judgement.status}
     for name in MARGIN_NAMES:
         said[name] = dict(NO_MARGIN) if spread is None else interval_json(spread, name)
-    return said | {"stable": {"probability": None if spread is None else spread.stable}}
+    return said | {"stable": {"probability": None if spread is None else spread.stable},
+                   "ms": None if spread is None else json_number(spread.ms),
+                   "crossover": [] if spread is None else list(spread.crossover),
+                   "controller": None if judgement.controller is None else judgement.controller.json}
 
 
 def below_json(windows: Sequence[WindowMargins], required: Required, is_tracked: bool) -> list[dict[str, Any]]:
@@ -257,8 +229,8 @@ def below_json(windows: Sequence[WindowMargins], required: Required, is_tracked:
 def miss_words(spread: Spread, name: str, required: Required) -> str:
     """Return the margin `name`, its 95 % interval and the required value as text, for a margin that may be below it."""
     unit = MARGINS[name].unit
-    return (f"{MARGINS[name].words} {interval_words(interval_json(spread, name), unit)} {unit}, required "
-            f"{required_of(required, name):g}")
+    return (f"{MARGINS[name].words} {margin_words(interval_json(spread, name), name)} {unit}, required "
+            f"{abs(required_of(required, name)):g}")
 
 
 def required_of(required: Required, name: str) -> float:
@@ -267,46 +239,72 @@ def required_of(required: Required, name: str) -> float:
 
 
 def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, is_tracked: bool,
-           flown: Flown) -> dict[str, Any]:
+           flown: fl.Flown) -> dict[str, Any]:
     """Return the JSON of `launchid margins`: windows, actuator (`servo`), margins below and maybe below `required`,
-    findings, assumed.  is_tracked: with the tracked estimates' margins."""
+    findings, assumed, controller, gains.  is_tracked: with the tracked estimates' margins."""
     reached = below_json(windows, required, is_tracked)
     std = np.sqrt(np.diag(servo.covariance))
+    controller = next((each.window.controller for each in reversed(windows) if each.window.controller), None)
     return {"windows": [{"t_start": each.t_start, "t_end": each.t_end, **margins_json(each.window),
                          **({"tracked": margins_json(each.tracked)} if is_tracked else {})} for each in windows],
-            "actuator": {name: {"value": float(servo.mean[k]), "std": float(std[k])} for k, name in enumerate(SERVO)},
+            "actuator": servo_json(servo, std),
             "below": [{key: x for key, x in each.items() if key != "certain"} for each in reached if each["certain"]],
             "may_be_below": [{key: x for key, x in each.items() if key != "certain"} for each in reached
                              if not each["certain"]],
-            "findings": flown.findings, "assumed": flown.assumed}
+            "findings": flown.findings, "assumed": [fl.FROZEN, *flown.assumed],
+            "controller": None if controller is None else controller.json,
+            "gains": allowed(windows, required)}
 
 
-def interval_words(interval: dict[str, float | None], unit: str = "") -> str:
-    """Return a value and its interval as text, `37.51 (36.38..38.57)`; a None is inf or -inf, all None are "-"."""
+def servo_json(servo: Servo, std: np.ndarray) -> dict[str, Any]:
+    """Return the servo's numbers as JSON, of one of first order its time constant [s] and delay [s]."""
+    if servo.is_first_order:
+        return {"time_constant": {"value": 1.0 / float(servo.mean[0]), "std": float(std[0] / servo.mean[0]**2)},
+                "delay": {"value": float(servo.mean[2]), "std": float(std[2])}}
+    return {name: {"value": float(servo.mean[k]), "std": float(std[k])} for k, name in enumerate(SERVO)}
+
+
+def interval_words(interval: dict[str, Any], unit: str = "", is_low_gain: bool = False) -> str:
+    """Return a value and its interval as text, `37.51 (36.38..38.57)`; a None is inf or -inf, all None are "-".
+
+    is_low_gain  the low gain margin, whose JSON is below 0: in words how far the gain may fall, above 0
+    """
     if interval["value"] is None and interval["low"] is None and interval["high"] is None:
         return "-"
-    decimals = 1 if unit == "ms" else 2
-    bottom, top = ("-inf" if interval["high"] is not None else "inf"), "inf"
+    if is_low_gain:
+        turned = {"value": interval["value"], "low": interval["high"], "high": interval["low"]}
+        interval = {key: None if x is None else -x for key, x in turned.items()}
+    decimals = 1 if unit == "ms" else 3 if unit == "" else 2
+    bottom, top = "-inf" if interval["high"] is not None and not is_low_gain else "inf", "inf"
     value, low, high = (other if interval[key] is None else f"{interval[key]:.{decimals}f}"
                         for key, other in (("value", bottom), ("low", "-inf"), ("high", top)))
     return f"{value} ({low}..{high})"
 
 
+def margin_words(interval: dict[str, Any], name: str) -> str:
+    """Return margin `name` and its interval as text."""
+    return interval_words(interval, MARGINS[name].unit, MARGINS[name].sign < 0.0)
+
+
+def heads() -> list[str]:
+    """Return the margins' names with their units, as heads of columns."""
+    return [f"{each.words} [{each.unit}]" if each.unit else each.words for each in MARGINS.values()]
+
+
 def table(said: dict[str, Any]) -> str:
     """Return the JSON of `report` as text for a terminal: a line per window, servo, margins too low, findings."""
-    heads = [f"{MARGINS[name].words} [{MARGINS[name].unit}]" for name in MARGIN_NAMES]
-    lines = [f"{'t_start':>9} {'t_end':>9} {'of':<8} {'status':<15} " + " ".join(f"{head:>26}" for head in heads)
+    lines = [f"{'t_start':>9} {'t_end':>9} {'of':<8} {'status':<15} " + " ".join(f"{head:>26}" for head in heads())
              + f" {'P(stable)':>10}"]
     for window in said["windows"]:
         for estimate, one in (("window", window), *((("tracked", window["tracked"]),) if "tracked" in window else ())):
-            cells = " ".join(f"{interval_words(one[name], MARGINS[name].unit):>26}" for name in MARGIN_NAMES)
+            cells = " ".join(f"{margin_words(one[name], name):>26}" for name in MARGIN_NAMES)
             stable = one["stable"]["probability"]
             lines.append(f"{window['t_start']:>9.3f} {window['t_end']:>9.3f} {estimate:<8} {one['status']:<15} {cells} "
                          f"{'-' if stable is None else f'{stable:.4f}':>10}")
     lines += servo_lines(said["actuator"])
     lines += [*below_lines(said["below"], "is"), *below_lines(said["may_be_below"], "may be")]
     lines += [*said["findings"], *(f"assumed: {each}" for each in said["assumed"])]
-    return "\n".join([*lines, *closing_lines(said)])
+    return "\n".join([*lines, *closing_lines(said), *gain_lines(said)])
 
 
 def closing_lines(said: dict[str, Any]) -> list[str]:
@@ -324,6 +322,18 @@ def closing_lines(said: dict[str, Any]) -> list[str]:
     return lines
 
 
+def gain_lines(said: dict[str, Any]) -> list[str]:
+    """Return one line on the factors on kp and kd that keep what [margins] requires; [] where none were sought."""
+    words = []
+    for name, (least, largest) in said["gains"].items():
+        if least is None and largest is None:
+            words.append(f"no factor on {name} does")
+        else:
+            words.append(f"{name} may be {'any part' if least is None else f'{least:.2f}'} to "
+                         f"{'any multiple' if largest is None else f'{largest:.2f} times'} what is judged")
+    return [f"to keep it in every window, one gain at a time: {'; '.join(words)}"] if words else []
+
+
 def below_lines(reached: list[dict[str, Any]], verb: str) -> list[str]:
     """Return a line per margin and estimate of `reached` (rows of `below_json`): how many windows, and the worst.
     verb: "is" or "may be"."""
@@ -337,5 +347,5 @@ def below_lines(reached: list[dict[str, Any]], verb: str) -> list[str]:
                 rows, key=lambda each: -math.inf if each["value"] is None else each["value"])
             lines.append(f"{MARGINS[name].words} ({estimate}) {verb} below {abs(rows[0]['required']):g} "
                          f"{MARGINS[name].unit} in {len(rows)} window{'s' * (len(rows) > 1)}, worst "
-                         f"{interval_words(worst, MARGINS[name].unit)} in {worst['t_start']:g}..{worst['t_end']:g} s")
+                         f"{margin_words(worst, name)} in {worst['t_start']:g}..{worst['t_end']:g} s")
     return lines

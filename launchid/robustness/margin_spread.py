@@ -1,6 +1,7 @@
 """Margins of a loop that is known with a covariance: value, standard deviation, 95 % interval.
 
-The loop's a6, k1 and its servo's natural frequency, damping ratio and delay are normally distributed.  A margin is no
+The loop's a6, k1, its servo's natural frequency, damping ratio and delay, its damping and the numbers of a law that was
+fitted are normally distributed.  A margin is no
 linear function of them: the phase has a ridge where the gain is the best, the low gain margin in dB has none where a6
 is 0, an unstable loop has none at all.  So the interval is that of the profile likelihood: the least and
 the greatest margin over the ellipsoid of INTERVAL standard deviations.  It is exact for whatever is a straight line in
@@ -8,7 +9,7 @@ the parameters, as a limit on a6/k1 is (Fieller, JRSS B 16, 1954), to second ord
 Lind, J. Eng. Mech. Div. 100, 1974, call the same distance the reliability index), and it is the same for a margin in dB
 or as a factor.  The extremes are sought among quasi-random points of the ellipsoid and climbed to from the best ones.
 
-An unstable loop keeps no margin: all four are 0.  Where nothing limits a margin it is infinite, the low gain margin of
+An unstable loop keeps no margin: all are 0.  Where nothing limits a margin it is infinite, the low gain margin of
 a stable plant -inf dB.
 
 `gain_low_db` is below 0: by so much may the gain fall, as in `margins`.
@@ -17,7 +18,7 @@ a stable plant -inf dB.
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -26,12 +27,14 @@ import numpy as np
 from sim.nominal import Controller
 from sim.sections import Required
 
-from .loops import Loops, loops, plants_of
-from .margins import frequency_grid, gain_margins, phase_margins
+from ..controller.law import Law
+from .loops import Loops, Mode, loops, plants_of
+from .margins import crossings, frequency_grid, gain_margins, modulus_margin, phase_margins
 
 
 class Margin(NamedTuple):
-    """Name and unit of a margin, the key of [margins] that requires it, the sign in which more is better (-1 or 1)."""
+    """Name and unit of a margin, the key of [margins] that requires it ("": none), the sign in which more is better (-1
+    or 1)."""
 
     words: str
     unit: str
@@ -42,10 +45,13 @@ class Margin(NamedTuple):
 MARGINS = {"gain_low_db": Margin("low gain margin", "dB", "gain_db", -1.0),
            "gain_high_db": Margin("high gain margin", "dB", "gain_db"),
            "phase_deg": Margin("phase margin", "degrees", "phase_deg"),
-           "delay_ms": Margin("delay margin", "ms", "delay_ms")}
+           "delay_ms": Margin("delay margin", "ms", "delay_ms"),
+           "modulus_margin": Margin("modulus margin", "", "")}
 MARGIN_NAMES = tuple(MARGINS)
 INTERVAL = 1.96        # standard deviations: 95 %
-INSIDE, FREQUENCIES = 48, 48  # quasi-random points: of the distribution, on the ellipsoid
+INSIDE = 48            # quasi-random points of the distribution
+ON_ELLIPSOID = 48      # and on the ellipsoid
+MODULUS_ZOOMS = 2      # of the modulus margin's minimum: to 1e-6 of it
 CLIMBS = 2             # of each extreme, each to where the last slope points
 SLOPE_STEP = 0.05      # standard deviations: of a slope's difference
 STABLE_WITHIN = 4.0    # standard deviations: where no loop is unstable within them, the loop is stable
@@ -65,23 +71,50 @@ class Interval(NamedTuple):
     high: float
 
 
-class Known(NamedTuple):
-    """What is known of a loop: mean (5,) and covariance (5, 5) of a6, k1 [1/s^2] and the servo's natural frequency
-    [rad/s], damping ratio and delay [s]."""
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of a loop: mean (k,) and covariance (k, k) of its numbers.
+
+    The first `count` are the plant's: a6, k1 [1/s^2], the servo's natural frequency [rad/s], damping ratio and delay
+    [s], and, if there are six, the damping of its rate [1/s]; the others those of a law that was fitted.
+    """
 
     mean: np.ndarray
     covariance: np.ndarray
+    count: int = 5
+    is_first_order: bool = False      # the servo
+    modes: tuple[Mode, ...] = ()
+    laws: Callable[[np.ndarray], Law] | None = None   # of rows of the further numbers
+
+    def loops(self, numbers: np.ndarray, controller: Controller | Law, kp: float | None = None,
+              kd: float | None = None) -> Loops:
+        """Return the loops of rows of numbers (m, k) with a controller, or with the fitted law if they hold one."""
+        if self.laws is not None and numbers.shape[1] > self.count:
+            controller = self.laws(numbers[:, self.count:])
+        return loops(plants_of(numbers[:, :self.count], self.is_first_order, self.modes), controller, kp, kd)
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Four margins of a loop that is known with a covariance, and the probability `stable` that it is stable."""
+    """Margins of a loop that is known with a covariance, and the probability `stable` that it is stable.
+
+    crossover  [rad/s] frequencies at which |L| = 1, of the estimate;  worst (w, k) numbers at which one of the required
+    margins is at the worse end of its interval
+    """
 
     gain_low_db: Interval
     gain_high_db: Interval
     phase_deg: Interval
     delay_ms: Interval
+    modulus_margin: Interval
     stable: float          # the probability that the loop is
+    crossover: tuple[float, ...] = ()
+    worst: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), compare=False, repr=False)
+
+    @property
+    def ms(self) -> float:
+        """The largest sensitivity 1/|1 + L|; inf of an unstable loop."""
+        return 1.0 / self.modulus_margin.value if self.modulus_margin.value > 0.0 else math.inf
 
     def ends(self, name: str) -> tuple[float, float]:
         """Return (worse, better) end of margin `name`'s 95 % interval, its sign turned so that more is better."""
@@ -92,6 +125,8 @@ class Spread:
         """Return margin name -> whether its whole interval misses `required`; only margins whose worse end does."""
         misses = {}
         for name, margin in MARGINS.items():
+            if not margin.required:
+                continue
             demand, (least, most) = getattr(required, margin.required), self.ends(name)
             if least < demand:
                 misses[name] = most < demand
@@ -99,49 +134,61 @@ class Spread:
 
 
 def margin_table(many: Loops) -> np.ndarray:
-    """Return margins (m, 4) of m loops in order of MARGIN_NAMES: 0 if unstable, infinite where nothing limits one."""
-    omega = frequency_grid(many.period, (float(np.max(many.whole)) + 1.0) * many.period)
+    """Return margins (m, 5) of m loops in order of MARGIN_NAMES: 0 if unstable, infinite where nothing limits one."""
+    omega = frequency_grid(many.period, (float(np.max(many.whole)) + 1.0) * many.period, many.peaks)
     gain = many.gain(omega)
     low, high = gain_margins(many, omega, gain, many.static)
     phase, delay = phase_margins(many, omega, gain)
+    modulus = modulus_margin(many, omega, gain, MODULUS_ZOOMS)
     with np.errstate(divide="ignore"):
-        table = np.column_stack([20.0 * np.log10(low), 20.0 * np.log10(high), np.degrees(phase), 1e3 * delay])
+        table = np.column_stack([20.0 * np.log10(low), 20.0 * np.log10(high), np.degrees(phase), 1e3 * delay, modulus])
     table[~many.stable()] = 0.0
     return table
 
 
-def margin_spread(known: Known, controller: Controller, kp: float | None = None, kd: float | None = None) -> Spread:
+def crossover(many: Loops) -> tuple[float, ...]:
+    """Return the frequencies [rad/s] at which |L| of the first loop is 1."""
+    one = many.take(np.arange(1))
+    omega = frequency_grid(one.period, (float(np.max(one.whole)) + 1.0) * one.period, one.peaks)
+    _, at, _ = crossings(one, lambda x: x.real**2 + x.imag**2 - 1.0, omega, one.gain(omega))
+    return tuple(sorted(float(x) for x in at))
+
+
+def margin_spread(known: Known, controller: Controller | Law, kp: float | None = None,
+                  kd: float | None = None) -> Spread:
     """Return margins with 95 % intervals of a loop, from mean and covariance; kp, kd [s] replace the controller's."""
     root = _root(known.covariance)
     count = root.shape[1]
 
     def loops_at(u: np.ndarray) -> Loops:
-        return loops(plants_of(known.mean + u @ root.T), controller, kp, kd)
+        return known.loops(known.mean + u @ root.T, controller, kp, kd)
 
     def judge(u: np.ndarray) -> np.ndarray:
         return margin_table(loops_at(u))
 
+    crossing = crossover(loops_at(np.zeros((1, count))))
     if count == 0:
         value = judge(np.zeros((1, 0)))[0]
-        gain_low, gain_high, phase, delay = (Interval(x, 0.0, x, x) for x in value.tolist())
-        return Spread(gain_low, gain_high, phase, delay, float(loops_at(np.zeros((1, 0))).stable()[0]))
-    inside, on = normal_points(INSIDE, count), INTERVAL * _unit(normal_points(FREQUENCIES, count))
+        return Spread(**dict(zip(MARGIN_NAMES, (Interval(x, 0.0, x, x) for x in value.tolist()), strict=True)),
+                      stable=float(loops_at(np.zeros((1, 0))).stable()[0]), crossover=crossing, worst=known.mean[None])
+    inside, on = normal_points(INSIDE, count), INTERVAL * _unit(normal_points(ON_ELLIPSOID, count))
     points = np.concatenate([np.zeros((1, count)), inside, on])
     table = judge(points)
-    low, high = _extremes(judge, points, table)
+    low, high, at_low, at_high = _extremes(judge, points, table)
     with np.errstate(invalid="ignore"):
         std = np.std(table[1:1 + INSIDE], axis=0)
-    gain_low, gain_high, phase, delay = (Interval(*map(float, each))
-                                         for each in zip(table[0], std, low, high, strict=True))
+    intervals = [Interval(*map(float, each)) for each in zip(table[0], std, low, high, strict=True)]
     stable = 1.0
-    if not loops_at(STABLE_WITHIN * _unit(normal_points(FREQUENCIES,
-                                                        count))).stable().all() or not table.any(axis=1).all():
+    if not loops_at(STABLE_WITHIN * _unit(normal_points(ON_ELLIPSOID, count))).stable().all() \
+            or not table.any(axis=1).all():
         stable = float(np.mean(loops_at(normal_points(MANY, count)).stable()))
-    return Spread(gain_low, gain_high, phase, delay, stable)
+    worst = [(at_low if each.sign > 0.0 else at_high)[k] for k, each in enumerate(MARGINS.values()) if each.required]
+    return Spread(**dict(zip(MARGIN_NAMES, intervals, strict=True)), stable=stable, crossover=crossing,
+                  worst=known.mean + np.array([np.zeros(count), *worst]) @ root.T)
 
 
 def ellipsoid(known: Known, count: int) -> np.ndarray:
-    """Return `count` parameter sets (count, 5) on the ellipsoid of INTERVAL standard deviations about the mean."""
+    """Return `count` parameter sets (count, k) on the ellipsoid of INTERVAL standard deviations about the mean."""
     root = _root(known.covariance)
     if root.shape[1] == 0:
         return np.tile(known.mean, (count, 1))
@@ -180,10 +227,11 @@ def normal_points(count: int, dimensions: int) -> np.ndarray:
     return points
 
 
-def _extremes(judge: Judge, points: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return least and greatest (4,) of each margin over the ball of INTERVAL standard deviations.
+def _extremes(judge: Judge, points: np.ndarray,
+              table: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return least and greatest (e,) of each margin over the ball of INTERVAL standard deviations, and where (e, d).
 
-    judge  points -> margins;  points (n, d) to start from, those outside the ball left out;  table (n, 4) margins there
+    judge  points -> margins;  points (n, d) to start from, those outside the ball left out;  table (n, e) margins there
     """
     within = np.linalg.norm(points, axis=1) <= INTERVAL * (1.0 + 1e-9)
     points, table = points[within], table[within]
@@ -205,7 +253,7 @@ def _extremes(judge: Judge, points: np.ndarray, table: np.ndarray) -> tuple[np.n
         value = judge(target)[every, column]
         better = can & (sign * value > sign * best)
         at, best = np.where(better[:, None], target, at), np.where(better, value, best)
-    return best[:ends], best[ends:]
+    return best[:ends], best[ends:], at[:ends], at[ends:]
 
 
 def json_number(x: float) -> float | None:

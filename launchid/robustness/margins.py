@@ -15,7 +15,7 @@ Limitation: crossings are bracketed on a frequency grid; two within one step (5 
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,7 @@ from .loops import Loops
 LOWEST = 1e-5          # of half the sampling rate: where the frequency grid starts
 LOG_POINTS = 240       # 5 % apart
 PHASE_STEP = 0.3       # rad a linear step may turn the delay, the hold and the filter
+NEAR_PEAK = np.geomspace(1e-4, 0.05, 24)  # relative distances of the grid from a mode's frequency
 LAG_PERIODS = 3.0      # periods of lag beside the delay
 SECANTS = 10           # of a bracket 5 % wide, where L is all but straight: to rounding
 ZOOMS, ZOOM_POINTS = 6, 17   # of the modulus margin's minimum
@@ -59,11 +60,14 @@ class Margins(NamedTuple):
         return 20.0 * np.log10(self.gain_high)
 
 
-def frequency_grid(period: float, delay: float) -> np.ndarray:
-    """Return increasing omega [rad/s] from near 0 to half the sampling rate, dense enough for a delay [s]."""
+def frequency_grid(period: float, delay: float, peaks: Sequence[float] = ()) -> np.ndarray:
+    """Return increasing omega [rad/s] from near 0 to half the sampling rate, dense enough for a delay [s], and around
+    the peaks [rad/s] of modes."""
     top = math.pi / period
     linear = math.ceil(math.pi * (delay / period + LAG_PERIODS) / PHASE_STEP)
-    return np.union1d(np.geomspace(LOWEST * top, top, LOG_POINTS), np.linspace(0.0, top, linear + 1)[1:])
+    omega = np.union1d(np.geomspace(LOWEST * top, top, LOG_POINTS), np.linspace(0.0, top, linear + 1)[1:])
+    near = np.concatenate([peak * np.exp(sign * NEAR_PEAK) for peak in peaks for sign in (-1.0, 1.0)] or [np.zeros(0)])
+    return np.union1d(omega, near[near < top]) if len(near) else omega
 
 
 def crossings(loop: Sampled | Loops, f: Callable[[np.ndarray], np.ndarray], omega: np.ndarray,
@@ -104,7 +108,7 @@ def margins(lft: Lft, delta: np.ndarray | tuple[float, float] = (0.0, 0.0)) -> M
     stable, gain = spectral_radius(loop) < 1.0, loop.gain(omega)
     low, high = gain_margins(loop, omega, gain, static)
     phase, delay = phase_margins(loop, omega, gain)
-    modulus = _modulus_margin(loop, omega, gain)
+    modulus = modulus_margin(loop, omega, gain)
     return Margins(stable, *(np.where(stable, x, np.nan) for x in (low, high, phase, delay, modulus)))
 
 
@@ -137,12 +141,15 @@ def phase_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray) ->
     return phase, delay
 
 
-def _modulus_margin(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """Return the least |1 + L| (m,), sought around the least on the grid."""
+def modulus_margin(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray, zooms: int = ZOOMS) -> np.ndarray:
+    """Return the least |1 + L| (m,), sought around the least on the grid by grids that are 8 times as fine each.
+
+    omega (p,) [rad/s];  gain (m, p) L on it;  zooms  each of which costs as much as ZOOM_POINTS of the grid
+    """
     least = np.argmin(np.abs(1.0 + gain), axis=1)
     low, high = omega[np.maximum(least - 1, 0)], omega[np.minimum(least + 1, len(omega) - 1)]
     every = np.arange(len(gain))
-    for _ in range(ZOOMS):
+    for _ in range(zooms):
         points = np.linspace(low, high, ZOOM_POINTS, axis=-1)
         distance = np.abs(1.0 + loop.gain(points))
         least = np.argmin(distance, axis=1)

@@ -57,8 +57,8 @@ def follow(t, beta, at, command, servo, noise, most_gap, frozen, e, s, gain):
 
     t, beta (n,)       in     rows [s], [rad], NaN where not measured
     at, command (m,)   in     when each command was issued [s], the command [rad], NaN where not known
-    servo (6,)         in     frequency [rad/s], damping ratio, delay [s], gain and constant [rad] of the command,
-                              fastest pole [rad/s]
+    servo (7,)         in     frequency [rad/s], damping ratio, delay [s], gain and constant [rad] of the command,
+                              fastest pole [rad/s], 1 if of first order, its frequency one over the time constant
     noise (2,)         in     variances [rad^2] of the sensor, and of what is drawn with each command
     most_gap           in     [s] between rows, behind which the nozzle is not known
     frozen             in     use the gains and variances of an earlier run
@@ -74,7 +74,7 @@ def follow(t, beta, at, command, servo, noise, most_gap, frozen, e, s, gain):
             due = at[j + 1] + delay if j + 1 < at.shape[0] else math.inf
             h = min(due, t[i]) - now
             if h > 0.0:
-                f[0, 0], f[0, 1], f[1, 0], f[1, 1] = free_servo(w, zeta, servo[5], False, h)
+                f[0, 0], f[0, 1], f[1, 0], f[1, 1] = free_servo(w, zeta, servo[5], servo[6] != 0.0, h)
                 f[0, 2], f[1, 2], f[2, 2] = 1.0 - f[0, 0], -f[1, 0], 1.0
                 x[0] -= u
                 move(x, p, f, work)
@@ -146,6 +146,7 @@ class Followed:
     noise: np.ndarray
     most_gap: float
     half_width: float
+    is_first_order: bool = False
 
     def answer(self, t_start: float, t_end: float, servo: np.ndarray, doubt: np.ndarray) -> Answer | None:
         """Return the evidence of rows from t_start to t_end [s] about servo (4,) = frequency [rad/s], damping ratio,
@@ -160,7 +161,7 @@ class Followed:
         def innovations(move: np.ndarray, command: np.ndarray, frozen: bool = True) -> np.ndarray:
             e = np.empty(n)
             w, zeta = servo[0] * math.exp(move[0]), servo[1] + move[1]
-            values = np.array([w, zeta, *(servo[2:] + move[2:4]), move[4], fastest_pole(w, zeta)])
+            values = np.array([w, zeta, *(servo[2:] + move[2:4]), move[4], fastest_pole(w, zeta), self.is_first_order])
             follow(t, beta, self.at, command, values, self.noise, self.most_gap, frozen, e, s, gain)
             return e
 
@@ -235,7 +236,8 @@ def followed(log: Log, model: Model) -> Followed | str:
     if half_width == 0.0:
         return "the command never changes"
     return Followed(t, log.beta[rows], t[new], command[new],
-                    np.array([model.beta_std**2, model.command_noise_std**2]), MOST_GAP * log.period, half_width)
+                    np.array([model.beta_std**2, model.command_noise_std**2]), MOST_GAP * log.period, half_width,
+                    model.time_constant > 0.0)
 
 
 Servos = Sequence[tuple[np.ndarray, np.ndarray]]   # mean (3,): frequency, damping ratio, delay; covariance (3, 3)
@@ -244,10 +246,17 @@ Servos = Sequence[tuple[np.ndarray, np.ndarray]]   # mean (3,): frequency, dampi
 @dataclass(frozen=True)
 class Judgement:
     """found: for each window whether it contradicts its servo, None if it cannot be tested; shown (3,): differences of
-    natural frequency [rad/s], damping ratio and delay [s] that the most telling window would have shown."""
+    natural frequency [rad/s], damping ratio and delay [s] that the most telling window would have shown; covariance
+    (3, 3) of the three as the window that tells the delay best leaves them."""
 
     found: list[bool | None]
     shown: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """Return the three standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], servos: Servos) -> Judgement:
@@ -286,13 +295,16 @@ def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], ser
         other = np.linalg.pinv(information[:5, :5], rcond=1e-9, hermitian=True) @ score[:5]
         found = [bool(other @ seen[:5, :5] @ other < threshold) if is_other is False else is_other
                  for is_other, seen in zip(found, told, strict=True)]
-    shown = np.full(3, math.inf)
+    shown, covariance = np.full(3, math.inf), np.full((3, 3), math.inf)
     for mean, information in zip((mean for mean, _ in servos), told, strict=True):
         if information.any():
             scale = 1.0 / np.sqrt(np.diag(information)[USUAL])
             inverse = np.linalg.inv(information[np.ix_(USUAL, USUAL)] * np.outer(scale, scale) + 1e-12 * np.eye(5))
             shown = np.minimum(shown, np.sqrt(threshold * np.diag(inverse)[:3]) * scale[:3] * [mean[0], 1.0, 1.0])
-    return Judgement(found, shown)
+            unit = scale[:3] * [mean[0], 1.0, 1.0]
+            left = usual * inverse[:3, :3] * np.outer(unit, unit)
+            covariance = left if left[2, 2] < covariance[2, 2] else covariance
+    return Judgement(found, shown, covariance)
 
 
 def words(follow: Followed, window: tuple[float, float], servo: np.ndarray) -> str:

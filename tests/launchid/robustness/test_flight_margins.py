@@ -25,6 +25,7 @@ from launchid.robustness.margin_spread import (
 from sim.effects import effect
 from sim.errors import InputError
 from sim.nominal import Actuator, Controller, Nominal, Required, constant_profile, load_nominal, nominal_lines
+from sim.sections import Drift
 
 control = pytest.importorskip("control")
 
@@ -221,9 +222,14 @@ def test_a_window_of_a_sudden_change_has_no_margins(made):
 
 def test_the_json_is_the_contracts(made):
     said = json.loads(made.to_json())
-    assert list(said) == ["windows", "actuator", "below", "may_be_below", "findings", "assumed"]
+    assert list(said) == ["windows", "actuator", "below", "may_be_below", "findings", "assumed", "controller", "gains"]
     first = said["windows"][0]
-    assert list(first) == ["t_start", "t_end", "valid", "status", *MARGIN_NAMES, "stable", "tracked"]
+    assert list(first) == ["t_start", "t_end", "valid", "status", *MARGIN_NAMES, "stable", "ms", "crossover",
+                           "controller", "tracked"]
+    assert first["ms"] == pytest.approx(1.0 / first["modulus_margin"]["value"]) and len(first["crossover"]) == 1
+    assert said["controller"] == {"source": "nominal", "kp": PD.kp, "kp_std": 0.0, "kd": PD.kd, "kd_std": 0.0,
+                                  "period": PD.period}
+    assert set(said["gains"]) == {"kp", "kd"} and all(least < 1.0 < most for least, most in said["gains"].values())
     assert list(first["phase_deg"]) == ["value", "std", "low", "high"] and list(first["stable"]) == ["probability"]
     assert set(said["actuator"]) == {"natural_frequency", "damping_ratio", "delay"}
     assert said["actuator"]["natural_frequency"] == {"value": 50.0, "std": 0.0}
@@ -243,12 +249,29 @@ def test_identified_windows_have_the_same_margins(flight, made):
     assert "tracked" not in launchid.identify(flight, "constant", window=5.0).margins().report["windows"][0]
 
 
-@pytest.mark.parametrize(("section", "sections"), [
-    ("effect 'aero_damping'", {"effects": (effect("aero_damping", coefficient=0.1),)}),
-    ("time_constant", {"actuator": Actuator(time_constant=0.02)}), ("controller", {"controller": None})])
-def test_loops_that_are_not_modelled_are_refused(flight, section, sections):
-    with pytest.raises(InputError, match=section):
-        launchid.margins(flight, replace(CONSTANT, **sections))
+def test_a_loop_that_is_not_modelled_is_refused(flight):
+    drift = Drift(np.zeros(1), np.full(1, -0.1), np.full(1, -0.2))
+    with pytest.raises(InputError, match="drift"):
+        launchid.margins(flight, replace(CONSTANT, drift=drift))
+
+
+def test_damping_and_a_servo_of_first_order_are_in_the_loop():
+    """The margins of python-control's loop, and no status but OK."""
+    lag = replace(CONSTANT, actuator=Actuator(time_constant=0.03, command_noise_std=7e-4, deflection_limit=0.12),
+                  effects=(effect("aero_damping", coefficient=0.4),),
+                  simulation=replace(CONSTANT.simulation, duration=20.0))
+    found = launchid.margins(launchid.simulate(lag, seed=3), lag)
+    period, tau = PD.period, PD.derivative_time_constant
+    a = np.array([[0, 1, 0], [2.0, -0.4, -7.0], [0, 0, -1 / 0.03]])
+    plant = control.ss(*held(a, np.array([[0], [0], [1 / 0.03]]), period), [[1.0, 0, 0]], 0, period)
+    law = control.ss(control.tf([PD.kp], [1], period) + PD.kd * control.tf([1, -1], [tau + period, -tau], period))
+    _, phase, least, *_ = control.stability_margins(-law * plant, method="frd")
+    for each in found.windows:
+        assert each.window.status == "OK"
+        spread = each.window.spread
+        for right, margin in ((phase, spread.phase_deg), (least, spread.modulus_margin)):
+            assert abs(right - margin.value) < max(margin.high - margin.value, margin.value - margin.low) + 1e-3
+    assert set(found.report["actuator"]) == {"time_constant", "delay"}
 
 
 # ---- what is required

@@ -170,17 +170,21 @@ def test_noise_beside_the_declared_is_no_other_servo(loud):
 # ---- the margins
 
 
-def test_no_margins_are_given_of_a_controller_that_did_not_fly():
-    found = launchid.margins(flown(replace(CONSTANT, controller=replace(PD, kd=0.3))), CONSTANT, tracked=True)
+def test_another_controllers_margins_are_its_own_or_none():
+    """The law of the log, as accurate as the nominal that flew; with `nominal` none of a controller that did not."""
+    columns = flown(replace(CONSTANT, controller=replace(PD, kd=0.3)))
+    asked = replace(CONSTANT, controller=replace(PD, kd=0.3))
+    truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 50.0, 0.7, 0.0]])), asked.controller))[0]
+    fitted = launchid.margins(columns, CONSTANT)
+    assert fitted.report["controller"]["source"] == "log"
+    assert fitted.report["controller"]["kd"] == pytest.approx(0.3)
+    assert fitted.windows[3].window.spread.phase_deg.value == pytest.approx(truth[2], abs=0.5)   # 27 degrees
+    found = launchid.margins(columns, CONSTANT, tracked=True, controller="nominal")
     for each in found.report["windows"]:
         assert each["status"] == each["tracked"]["status"] == "CONTROLLER" and not each["valid"]
         assert all(each[name]["value"] is None for name in MARGIN_NAMES)
     assert "in 6 of 6 windows, from 0 s on, the commands are not the nominal controller's" in found.summary()
     assert "kp 1.2, kd 0.3 would explain them" in found.summary()
-    asked = replace(CONSTANT, controller=replace(PD, kd=0.3))
-    truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 50.0, 0.7, 0.0]])), asked.controller))[0]
-    spread = launchid.margins(flown(asked), asked).windows[3].window.spread
-    assert spread.phase_deg.value == pytest.approx(truth[2], abs=0.5)   # the true one's: 27 degrees
 
 
 def test_windows_of_another_servo_are_model_and_the_sentence_counts_all():
@@ -198,18 +202,60 @@ def test_windows_of_another_servo_are_model_and_the_sentence_counts_all():
     assert float(re.search(r"delay ([\d.]+) \+-", found.summary())[1]) == pytest.approx(12.0, abs=1.5)
 
 
-def test_what_is_not_tested_is_assumed_and_said():
-    columns = {name: x for name, x in flown(CONSTANT).items() if name != "theta_ref"}
-    found = launchid.margins(columns, CONSTANT)
+KD_OFF = replace(CONSTANT, controller=replace(PD, kd=0.3))
+
+
+def without(nominal: Nominal, *names: str) -> dict[str, np.ndarray]:
+    return {name: x for name, x in flown(nominal).items() if name not in names}
+
+
+@pytest.mark.parametrize("kd", [PD.kd, 0.3])
+def test_without_a_reference_the_controller_is_fitted(kd):
+    """The reference is a few straight lines."""
+    asked = replace(CONSTANT, controller=replace(PD, kd=kd))
+    found = launchid.margins(without(asked, "theta_ref"), CONSTANT)
+    assert found.report["controller"]["source"] == "log" and found.report["controller"]["kd"] == pytest.approx(kd)
+    truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 50.0, 0.7, 0.0]])), asked.controller))[0]
+    assert found.windows[3].window.spread.phase_deg.value == pytest.approx(truth[2], abs=0.5)
+
+
+def test_without_commands_the_nozzle_tells_whether_the_nominals_controller_flew():
+    found = launchid.margins(without(CONSTANT, "beta_cmd"), CONSTANT)
+    assert all(window["status"] == "OK" for window in found.report["windows"])
+    assert any("its nozzle answers them" in each for each in found.report["assumed"])
+    late = replace(CONSTANT, actuator=replace(SERVO, delay=0.03))
+    for other in (KD_OFF, late):
+        found = launchid.margins(without(other, "beta_cmd"), CONSTANT)
+        assert all(window["status"] == "UNCHECKED" for window in found.report["windows"])
+
+
+@pytest.mark.parametrize("nominal", [CONSTANT, KD_OFF], ids=["its own", "another"])
+def test_what_cannot_be_asked_is_unchecked(nominal):
+    """Neither command nor reference; a row of two."""
+    for columns in (without(nominal, "beta_cmd", "theta_ref"), {name: x[::2] for name, x in flown(nominal).items()}):
+        found = launchid.margins(columns, CONSTANT)
+        assert all(window["status"] == "UNCHECKED" and not window["valid"] for window in found.report["windows"])
+        assert "UNCHECKED" in found.summary()
+
+
+def test_a_declared_controller_is_assumed_and_said():
+    """With `nominal` it need not be tested; the servo must."""
+    found = launchid.margins(without(CONSTANT, "theta_ref"), CONSTANT, controller="nominal")
     assert found.report["windows"][2]["valid"]
     assert any("controller is the nominal's (not tested: the log has no theta_ref)" in each
                for each in found.report["assumed"])
-    assert "assumed: the controller is the nominal's" in found.summary()
     _frozen, servo = launchid.margins(flown(CONSTANT), CONSTANT).report["assumed"]
     w, zeta, delay = map(float, re.search(r"below (\S+) rad/s, (\S+) of .* ratio, (\S+) ms", servo).groups())
     assert 0.5 < w < 5.0 and 0.01 < zeta < 0.1 and 0.1 < delay < 5.0
-    none = launchid.margins({name: columns[name] for name in ("t", "theta", "theta_dot", "beta")}, CONSTANT)
-    assert sum("not tested" in each for each in none.report["assumed"]) == 2
+
+
+def test_a_servo_that_the_log_hardly_tells_is_as_uncertain_as_that():
+    """A nozzle's sensor of 6 mrad: 1 ms of delay would not have shown, and the delay margin's interval says so."""
+    loud = replace(CONSTANT, sensors=replace(CONSTANT.sensors, beta_std=6e-3))
+    found = launchid.margins(flown(loud), loud)
+    delay = found.windows[3].window.known.covariance[4, 4] ** 0.5
+    assert delay > loud.diagnosis.timing and "as uncertain as the log leaves it" in found.summary()
+    assert launchid.margins(flown(CONSTANT), CONSTANT).windows[3].window.known.covariance[4, 4] == 0.0
 
 
 def test_a_servo_that_the_first_windows_cannot_test_is_that_of_the_others():

@@ -1,0 +1,400 @@
+"""Which loop flew: its controller and its servo, asked of a log window by window.
+
+Controller.  The nominal's is one hypothesis: it is replayed over the log, and where its commands are the log's it flew.
+Where they are not, or where it cannot be replayed, the law is fitted to the log (`controller.fit`), over the whole
+flight or, if that does not explain the commands, window by window.  What is left is refused: CONTROLLER where commands
+are there that no law explains, UNCHECKED where there is nothing to ask.  A log without commands still has its nozzle:
+where that answers the commands that the nominal's controller would have issued as the servo does, both flew.
+
+Servo.  `servo_check` asks it.  One that cannot be asked, and that the nominal declares as known, is UNCHECKED; one that
+the log tells no better than [diagnosis] timing is as uncertain as the log leaves it.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from launchid_core import Estimate
+from sim.errors import UsageError
+from sim.flight import packed
+from sim.nominal import Controller, Nominal
+
+from ..controller.fit import FittedLaw, answered, fit_law
+from ..controller.law import Law, law_of
+from ..controller.replay import MIN_COMMANDS, Replay, constants_of, issued, replay, rms
+from ..log.log import Log
+from ..onboard import onboard_model
+from .servo_check import contradictions, followed, words
+
+CONTROLLER, MODEL_MARK, UNCHECKED = "CONTROLLER", "MODEL", "UNCHECKED"   # another controller, another servo, not asked
+FROZEN = "no bending, slosh, lateral drift, limit of angle or rate in the loop, all of which stands still"
+DECLARE = "; declare natural_frequency_sigma, damping_ratio_sigma, delay_sigma in [actuator], and it is estimated"
+AUTO, OF_NOMINAL, OF_LOG, GIVEN = "auto", "nominal", "log", "given"      # sources of the controller that is judged
+SCALABLE = ("kp", "kd")
+
+
+class Servo(NamedTuple):
+    """What is known of a servo: natural frequency [rad/s], damping ratio, delay [s] (3,), their covariance (3, 3).
+
+    A servo of first order has 1 over its time constant in place of the natural frequency, and no damping ratio (1).
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    is_first_order: bool = False
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which controller is judged.
+
+    source   auto: the nominal's where it flew, else the log's; nominal; log; given: what may never have flown
+    given    name -> number of the nominal's controller that is replaced
+    kp, kd   factors on the gains
+    """
+
+    source: str = AUTO
+    given: Mapping[str, float] = field(default_factory=dict)
+    kp: float = 1.0
+    kd: float = 1.0
+
+    @property
+    def is_question(self) -> bool:
+        """Whether the loop that is judged is not the one that flew."""
+        return self.source == GIVEN or self.kp != 1.0 or self.kd != 1.0
+
+
+def choice(controller: str = AUTO, scale: str | None = None) -> Choice:
+    """Return the choice of `--controller` and `--scale`: words, or numbers as kp=1.5,kd=0.6; UsageError if wrong."""
+    factors = _numbers("--scale", scale, SCALABLE) if scale else {}
+    for name, factor in factors.items():
+        if not factor > 0.0:
+            raise UsageError(f"--scale {name}={factor:g}: expected a factor above 0")
+    if controller in (AUTO, OF_NOMINAL, OF_LOG):
+        return Choice(controller, {}, **factors)
+    names = ("kp", "kd", "ki", "derivative_time_constant", "period")
+    if "=" not in controller:
+        raise UsageError(f"--controller {controller!r}: expected nominal, log, or numbers such as kp=1.5,kd=0.6")
+    return Choice(GIVEN, _numbers("--controller", controller, names), **factors)
+
+
+def _numbers(option: str, text: str, names: Sequence[str]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = (x.strip() for x in part.partition("="))
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise UsageError(f"{option} {text!r}: expected NAME=NUMBER[,NAME=NUMBER...]") from None
+        if name not in names or not math.isfinite(found[name]):
+            raise UsageError(f"{option} {part!r}: expected a finite number of {', '.join(names)}")
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """The controller of a window: source (nominal, log, given), its law, and what is not known of it (`fitted`)."""
+
+    source: str
+    law: Law
+    fitted: FittedLaw | None = None
+    controller: Controller | None = None   # of the nominal, or given
+    late: float = 0.0                      # periods of computing time of `controller`
+    kp: float = 1.0                        # factors on the gains
+    kd: float = 1.0
+
+    def scaled(self, kp: float = 1.0, kd: float = 1.0) -> "Judged":
+        """Return it with factors on its gains."""
+        if kp == 1.0 and kd == 1.0:
+            return self
+        if self.controller is None:
+            return replace(self, law=self.law.scaled(kp, kd), kp=kp * self.kp, kd=kd * self.kd)
+        own = replace(self.controller, kp=kp * self.controller.kp, ki=kp * self.controller.ki,
+                      kd=kd * self.controller.kd)
+        return replace(self, controller=own, law=law_of(own, late=self.late), kp=kp * self.kp, kd=kd * self.kd)
+
+    def laws(self, numbers: np.ndarray) -> Law:
+        """Return the laws of rows of the fitted law's numbers (m, k)."""
+        assert self.fitted is not None
+        return self.fitted.laws(numbers).scaled(self.kp, self.kd)
+
+    @property
+    def json(self) -> dict[str, float | str]:
+        """The source, the gains with their standard deviations, the period [s]."""
+        gains = self.law.gains()
+        std = dict.fromkeys(gains, 0.0) if self.fitted is None else {
+            name: x * {"kp": self.kp, "kd": self.kd}.get(name, self.kp)
+            for name, x in self.fitted.gains_std.items()}
+        if self.controller is not None:   # the numbers of the file, whatever filters make of them
+            own = self.controller
+            gains = {"kp": own.kp, "kd": own.kd} if not own.is_rate_law else {"kp": own.kp, "ki": own.ki}
+        said: dict[str, float | str] = {"source": self.source}
+        for name, gain in gains.items():
+            said |= {name: gain, f"{name}_std": std.get(name, 0.0)}
+        return said | {"period": self.law.period}
+
+    @property
+    def words(self) -> str:
+        """The gains and the period in words."""
+        said, names = self.json, ("kp", "kd", "ki")
+        gains = ", ".join(f"{name} {said[name]:.4g}" for name in names if name in said)
+        of = "" if self.fitted is None else f"; {_remembers(self.fitted)}"
+        return f"{gains}, every {self.law.period:g} s{of}"
+
+
+def _remembers(fitted: FittedLaw) -> str:
+    names = {"error": "theta less theta_ref", "rate_error": "theta_dot less rate_ref"}
+    order = f"{fitted.order} command{'s' * (fitted.order != 1)} back" if fitted.order else "no memory"
+    return f"a law of {' and '.join(names.get(name, name) for name in fitted.of)}, {order}"
+
+
+@dataclass
+class Flown:
+    """The loop that flew.
+
+    judged    for each window its controller, None where it is refused
+    refused   window number -> status (CONTROLLER, MODEL or UNCHECKED)
+    servo     (3, 3) covariance of a servo that is declared as known and that the log tells no better; None: as declared
+    findings  sentences on them;  assumed  sentences on what the log cannot test
+    """
+
+    judged: list[Judged | None]
+    refused: dict[int, str] = field(default_factory=dict)
+    servo: np.ndarray | None = None
+    findings: list[str] = field(default_factory=list)
+    assumed: list[str] = field(default_factory=list)
+
+
+def of_nominal(nominal: Nominal) -> Judged:
+    """Return the nominal's controller, with its effects on gains and computing time."""
+    own = nominal.controller
+    assert own is not None
+    on_board = packed(nominal)
+    late = on_board.computing_time / own.period
+    own = replace(own, kp=on_board.kp_scale * own.kp, kd=on_board.kd_scale * own.kd)
+    return Judged(OF_NOMINAL, law_of(own, late=late), controller=own, late=late)
+
+
+def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate], servos: Sequence[Servo],
+                   asked: Choice | None = None) -> Flown:
+    """Return the controller and the refusals of each window (estimate); servos: what is known of the servo in each."""
+    asked = Choice() if asked is None else asked
+    flown = Flown([None] * len(estimates))
+    if asked.source == GIVEN:
+        given = _given(nominal, asked)
+        flown.judged = [given] * len(estimates)
+        flown.assumed.append(f"the controller is the given one, which need not have flown ({given.words})")
+        commands = log
+    else:
+        commands = _controllers(flown, log, nominal, estimates, servos, asked)
+    _servos(flown, commands, nominal, estimates, servos)
+    flown.judged = [None if k in flown.refused or each is None else each.scaled(asked.kp, asked.kd)
+                    for k, each in enumerate(flown.judged)]
+    return flown
+
+
+def _given(nominal: Nominal, asked: Choice) -> Judged:
+    """Return the nominal's controller with the given numbers in place of its own."""
+    nominal.require("controller")
+    own = of_nominal(nominal)
+    assert own.controller is not None
+    lacks = {"ki"} if not own.controller.is_rate_law else {"kd", "derivative_time_constant"}
+    for name in asked.given:
+        if name in lacks:
+            raise UsageError(f"--controller {name}: the nominal's law \"{own.controller.law}\" has no {name}")
+    numbers: dict[str, Any] = dict(asked.given)
+    controller = replace(own.controller, **numbers)
+    if not controller.period > 0.0 or controller.derivative_time_constant < 0.0:
+        raise UsageError("--controller: expected a period above 0 s and a time constant of at least 0 s")
+    return Judged(GIVEN, law_of(controller, late=own.late), controller=controller, late=own.late)
+
+
+# ---- the controller
+
+
+def _controllers(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[Estimate], servos: Sequence[Servo],
+                 asked: Choice) -> Log:
+    """Find the controller of each window; return the log with its commands, recomputed if it has none."""
+    own = None if nominal.controller is None else of_nominal(nominal)
+    left = list(range(len(estimates)))      # windows whose controller is not known yet
+    untested, contradicted = "", ""
+    if asked.source != OF_LOG:
+        replayed = replay(log, nominal)
+        if isinstance(replayed, str):
+            untested = replayed
+        else:
+            left, contradicted = _replayed(flown, replayed, own, estimates, asked)
+    if own is not None and untested and asked.source == OF_NOMINAL:
+        flown.judged = [own] * len(estimates)
+        flown.assumed.append(f"the controller is the nominal's (not tested: {untested})")
+        left = []
+    if not left or asked.source == OF_NOMINAL:
+        return log
+    reason = _fitted(flown, log, nominal, estimates, left, contradicted)
+    if own is not None and asked.source == AUTO and not np.isfinite(log.beta_cmd).any():
+        return _by_the_nozzle(flown, log, nominal, estimates, servos, own, untested)
+    still = [k for k in left if flown.judged[k] is None]
+    if still:
+        is_there = np.isfinite(log.beta_cmd).any() and (bool(contradicted) or asked.source == OF_LOG)
+        status = CONTROLLER if is_there else UNCHECKED
+        flown.refused |= dict.fromkeys(still, status)
+        why = contradicted if contradicted else f"whose controller flew cannot be tested ({untested or reason})"
+        if is_there and not contradicted:
+            why = "the commands are not explained"
+        law = f"; no law fitted to the log explains them: {reason}" if reason and reason not in why else ""
+        flown.findings.append(f"in {_count(still, estimates)} {why} ({status}){law}")
+    return log
+
+
+def _replayed(flown: Flown, replayed: Replay, own: Judged | None, estimates: Sequence[Estimate],
+              asked: Choice) -> tuple[list[int], str]:
+    """Give the nominal's controller to windows whose commands are its own; return the others, and what they say."""
+    ticks = [replayed.judged(e.t_start, e.t_end) for e in estimates]
+    few = [int(np.count_nonzero(each)) < MIN_COMMANDS for each in ticks]
+    others = [k for k, each in enumerate(ticks) if not few[k] and replayed.contradicts(each)]
+    for k in range(len(estimates)):
+        if k not in others and (not few[k] or asked.source == OF_NOMINAL):
+            flown.judged[k] = own
+    if any(few) and asked.source == OF_NOMINAL:
+        flown.assumed.append(f"the controller is the nominal's (not tested in {sum(few)} of {len(few)} windows: too "
+                             "few rows)")
+    if not others:
+        return [k for k in range(len(estimates)) if flown.judged[k] is None], ""
+    of_others = np.any([ticks[k] for k in others], axis=0)
+    said = (f"the commands are not the nominal controller's (CONTROLLER): rms "
+            f"{rms(replayed.misfit[of_others]):.2g} rad apart, {replayed.tolerance:.2g} would be none; "
+            f"{replayed.words(replayed.explained(of_others))}")
+    if asked.source == OF_NOMINAL:
+        flown.refused |= dict.fromkeys(others, CONTROLLER)
+        flown.findings.append(f"in {_count(others, estimates)} {said}")
+    return [k for k in range(len(estimates)) if flown.judged[k] is None], said.replace(" (CONTROLLER)", "")
+
+
+def _fitted(flown: Flown, log: Log, nominal: Nominal | None, estimates: Sequence[Estimate], windows: Sequence[int],
+            contradicted: str = "") -> str:
+    """Give the log's own law to windows, of the whole flight or each its own; return why some have none, or ""."""
+    ticks = answered(log, nominal)
+    if isinstance(ticks, str):
+        return ticks
+    whole, reason = fit_law(ticks), ""
+    taken = []
+    for k in windows:
+        own = whole
+        if isinstance(own, str):
+            part = ticks.part(estimates[k].t_start, estimates[k].t_end)
+            own = fit_law(part)
+            own = fit_law(part, slow=True) if isinstance(own, str) else own
+        if isinstance(own, str):
+            reason = reason or own
+        elif np.count_nonzero(np.isfinite(ticks.part(estimates[k].t_start, estimates[k].t_end).command)) \
+                < MIN_COMMANDS:
+            reason = reason or "too few rows"
+        else:
+            flown.judged[k] = Judged(OF_LOG, own.law, own)
+            taken.append(k)
+    if taken:
+        last = flown.judged[taken[-1]]
+        assert last is not None
+        how = "" if not isinstance(whole, str) else " each window's own; the last:"
+        before = f"{contradicted}; " if contradicted else ""
+        flown.findings.append(f"in {_count(taken, estimates)} {before}the controller is the log's:{how} {last.words}")
+    return reason
+
+
+def _by_the_nozzle(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[Estimate], servos: Sequence[Servo],
+                   own: Judged, untested: str) -> Log:
+    """Ask the nozzle of a log without commands whether it answers those that the nominal's controller would have
+    issued; return the log with them.  What it does not answer is UNCHECKED."""
+    made = recomputed(log, nominal)
+    if isinstance(made, str):
+        why = untested if made in untested else f"{untested}; {made}"
+        flown.refused |= dict.fromkeys(range(len(estimates)), UNCHECKED)
+        flown.findings.append(f"in {_count(range(len(estimates)), estimates)} whose controller flew cannot be tested "
+                              f"({why}) (UNCHECKED)")
+        return log
+    follows = followed(made, onboard_model(nominal))
+    found: Sequence[bool | None] = [None] * len(estimates)
+    if not isinstance(follows, str):
+        found = contradictions(follows, [(e.t_start, e.t_end) for e in estimates],
+                               [(each.mean, each.covariance) for each in servos]).found
+    flown.judged = [own if each is False else None for each in found]
+    others = [k for k, each in enumerate(found) if each is not False]
+    if others:
+        flown.refused |= dict.fromkeys(others, UNCHECKED)
+        flown.findings.append(
+            f"in {_count(others, estimates)} the log has no beta_cmd, and the nozzle does not answer the commands that "
+            "the nominal's controller would have issued as the servo does: which of the two is another cannot be told "
+            "(UNCHECKED)")
+    if len(others) < len(found):
+        flown.assumed.append("the commands are those that the nominal's controller makes of theta and theta_ref (the "
+                             "log has none; its nozzle answers them)")
+    return made
+
+
+def recomputed(log: Log, nominal: Nominal) -> Log | str:
+    """Return the log with the commands that the nominal's controller would have issued; a sentence if that cannot be
+    known."""
+    own = nominal.controller
+    assert own is not None
+    seen, reference = ("theta_dot", "rate_ref") if own.is_rate_law else ("theta", "theta_ref")
+    lacking = [name for name in (seen, reference, "beta") if not np.isfinite(getattr(log, name)).any()]
+    if lacking:
+        return f"the log has no {' and no '.join(lacking)}"
+    held = max(1, round(own.period / log.period))
+    if log.period > 1.5 * own.period:
+        return f"the log's rows are {log.period:g} s apart, the controller's commands {own.period:g} s"
+    error = (getattr(log, seen) - getattr(log, reference))[::held]
+    commands, _ = issued(nominal, constants_of(nominal), error, np.full(len(error), -0.0))
+    return replace(log, beta_cmd=np.repeat(commands, held)[:len(log.t)])
+
+
+# ---- the servo
+
+
+def _servos(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[Estimate], servos: Sequence[Servo]) -> None:
+    """Refuse windows whose nozzle does not answer the commands as the servo does, or cannot be asked."""
+    model = onboard_model(nominal)
+    follows = followed(log, model)
+    is_known = not any(each.covariance.any() for each in servos)
+    if isinstance(follows, str):
+        if not is_known:
+            flown.assumed.append(f"the servo is as declared, and does not change (not tested: {follows})")
+            return
+        others = [k for k in range(len(estimates)) if k not in flown.refused]
+        flown.refused |= dict.fromkeys(others, UNCHECKED)
+        if others:
+            flown.findings.append(f"in {_count(others, estimates)} the servo cannot be tested ({follows}) and is "
+                                  f"declared as known (UNCHECKED){DECLARE}")
+        return
+    windows = [(e.t_start, e.t_end) for e in estimates]
+    asked = contradictions(follows, windows, [(each.mean, each.covariance) for each in servos])
+    if is_known and np.isfinite(asked.shown).all():
+        w, zeta, delay = asked.shown
+        told = "the servo's numbers are those declared: differences below"
+        if asked.deviation[2] > nominal.diagnosis.timing:
+            flown.servo = asked.covariance
+            told = "the servo is as uncertain as the log leaves it, about the declared numbers: differences below"
+        flown.assumed.append(f"{told} {w:.2g} rad/s, {zeta:.2g} of the damping ratio, {1e3 * delay:.2g} ms of delay "
+                             "would not have shown" + DECLARE)
+    untold = [k for k, each in enumerate(asked.found) if each is None]
+    if untold and not is_known:
+        flown.assumed.append(f"the servo does not change (not tested in {len(untold)} of {len(asked.found)} windows: "
+                             "too few rows)")
+    elif untold:
+        flown.refused |= dict.fromkeys((k for k in untold if k not in flown.refused), UNCHECKED)
+        flown.findings.append(f"in {_count(untold, estimates)} the servo cannot be tested: too few rows (UNCHECKED)")
+    if another := [k for k, is_other in enumerate(asked.found) if is_other and flown.refused.get(k) != UNCHECKED]:
+        flown.refused |= {k: MODEL_MARK for k in another if k not in flown.refused}
+        flown.findings.append(
+            f"in {_count(another, estimates)} the nozzle does not answer the commands as the servo does (MODEL): "
+            + words(follows, windows[another[-1]], servos[another[-1]].mean) + DECLARE * is_known)
+
+
+def _count(which: Sequence[int], estimates: Sequence[Estimate]) -> str:
+    """Return how many windows `which` (numbers) lists, and from when on: `3 of 14 windows, from 30 s on,`."""
+    return f"{len(which)} of {len(estimates)} windows, from {estimates[which[0]].t_start:g} s on,"
+
+

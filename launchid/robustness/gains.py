@@ -1,0 +1,114 @@
+"""By how much may the gains be changed?  The least and the largest factor on kp, and on kd, that keep what is required.
+
+A factor is kept if, in every window that has margins, every required margin keeps its requirement with the whole of its
+95 % interval.  While the factors are sought a window is judged at those of its possible loops that are the worst ones
+for some margin with the gains as they are; at the end the window that limits is judged anew with the gains of the
+limit, and the limit drawn back until that one keeps what is required too.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim.sections import Required
+
+from ..controller.law import Law
+from .loops import loops, plants_of
+from .margin_spread import MARGINS, margin_spread, margin_table
+
+if TYPE_CHECKING:
+    from .flight_margins import Judged as JudgedMargins
+    from .flight_margins import WindowMargins
+
+FACTORS = np.geomspace(0.05, 20.0, 25)   # tried on a gain; beyond them nothing limits it
+FINER = 12             # halvings of a limit's bracket: to 1e-4 of the factor
+DRAWN_BACK = 8         # halvings of the bracket by whole intervals, where those do not keep what is required
+
+
+def allowed(windows: Sequence["WindowMargins"], required: Required) -> dict[str, list[float | None]]:
+    """Return gain -> [least, largest] factor on it that keeps what is required in every window with 95 %.
+
+    None, None: no factor does;  None at one end: nothing limits it there;  {} if no window has margins
+    """
+    judged = [each.window for each in windows if each.window.spread is not None]
+    if not judged:
+        return {}
+    first = judged[0].controller
+    assert first is not None
+    return {name: _range(judged, name, required) for name in (("kp",) if first.law.is_of_rate else ("kp", "kd"))}
+
+
+def _range(judged: Sequence["JudgedMargins"], name: str, required: Required) -> list[float | None]:
+    """Return the least and the largest factor on a gain that every window bears, about 1 or next to it."""
+    factors = np.sort(np.append(FACTORS, 1.0))
+    kept = np.array([_kept(each, {name: factors}, required).all(axis=1) for each in judged])   # windows, factors
+    good = np.flatnonzero(kept.all(axis=0))
+    if len(good) == 0:
+        return [None, None]
+    middle = good[np.argmin(np.abs(np.log(factors[good])))]
+    ends: list[float | None] = []
+    for step in (-1, 1):
+        k = middle
+        while 0 <= k + step < len(factors) and kept[:, k + step].all():
+            k += step
+        if not 0 <= k + step < len(factors):
+            ends.append(None)
+            continue
+        limiting = [each for each, bears in zip(judged, kept[:, k + step], strict=True) if not bears]
+        ends.append(_limit(limiting, name, float(factors[k]), float(factors[k + step]), required))
+    return ends
+
+
+def _limit(judged: Sequence["JudgedMargins"], name: str, good: float, bad: float, required: Required) -> float:
+    """Return the factor between one that windows bear and one that none of them does, up to which all bear it."""
+    start = good
+    for _ in range(FINER):
+        half = math.sqrt(good * bad)
+        bears = [bool(_kept(each, {name: np.array([half])}, required).all()) for each in judged]
+        if all(bears):
+            good = half
+        else:
+            bad, judged = half, [each for each, does in zip(judged, bears, strict=True) if not does]
+
+    def misses(factor: float) -> bool:
+        for each in judged:
+            assert each.known is not None and each.controller is not None
+            if margin_spread(each.known, each.controller.scaled(**{name: factor}).law).below(required):
+                return True
+        return False
+
+    if not misses(good):
+        return good
+    good, bad = start, good
+    for _ in range(DRAWN_BACK):
+        half = math.sqrt(good * bad)
+        good, bad = (good, half) if misses(half) else (half, bad)
+    return good
+
+
+def kept_over(judged: "JudgedMargins", kp: np.ndarray, kd: np.ndarray, required: Required) -> np.ndarray:
+    """Return for factors kp, kd (n,) on the gains of a window's controller 2 where what is required is kept with 95 %,
+    1 where the estimate alone keeps it, 0 where it does not."""
+    kept = _kept(judged, {"kp": kp, "kd": kd}, required)
+    return np.where(kept.all(axis=1), 2.0, np.where(kept[:, 0], 1.0, 0.0))
+
+
+def _kept(judged: "JudgedMargins", factors: dict[str, np.ndarray], required: Required) -> np.ndarray:
+    """Return for factors on gains, arrays (n,) by name, whether the estimate and each of a window's worst loops keep
+    what is required (n, 1 + w)."""
+    known, spread, controller = judged.known, judged.spread, judged.controller
+    assert known is not None and spread is not None and controller is not None
+    laws = [controller.scaled(**dict(zip(factors, each, strict=True))).law
+            for each in zip(*(x.tolist() for x in factors.values()), strict=True)]
+    rows, count = spread.worst[:, :known.count], len(spread.worst)
+    theta, rate, lag = (np.repeat([getattr(each, part) for each in laws], count, axis=0)
+                        for part in ("theta", "rate", "lag"))
+    law = Law(theta, rate, lag, laws[0].period)
+    table = margin_table(loops(plants_of(np.tile(rows, (len(laws), 1)), known.is_first_order, known.modes), law))
+    kept = np.any(table, axis=1)
+    for k, margin in enumerate(MARGINS.values()):
+        if margin.required:
+            kept = kept & (margin.sign * table[:, k] >= getattr(required, margin.required))
+    return np.asarray(kept).reshape(len(laws), count)

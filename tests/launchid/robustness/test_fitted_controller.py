@@ -1,0 +1,175 @@
+"""The controller that flew, from the log: any linear law, what hides it, its margins; other gains."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from any_law import LAWS, Vehicle, fly, truth
+
+import launchid
+from launchid.controller.fit import FittedLaw, answered, fit_law
+from launchid.controller.law import law_of
+from launchid.robustness.flown import choice
+from launchid.robustness.loops import loops, plants_of
+from launchid.robustness.margin_spread import MARGIN_NAMES, margin_table
+from launchid.sources import read_log
+from sim.errors import UsageError
+from sim.nominal import Section, constant_profile, load_nominal
+
+CONSTANT = load_nominal("constant")
+PD = CONSTANT.controller
+VEHICLE = Vehicle()
+ROW = np.array([[*VEHICLE[:5]]])
+NOMINAL = replace(CONSTANT, vehicle=constant_profile(VEHICLE.a6, VEHICLE.k1), actuator=replace(
+    CONSTANT.actuator, natural_frequency=VEHICLE.frequency, damping_ratio=VEHICLE.damping, delay=VEHICLE.delay))
+BRIEF = 20.0   # s of a flight
+
+
+def fitted(columns: dict[str, np.ndarray], drop: tuple[str, ...] = ()) -> FittedLaw | str:
+    ticks = answered(read_log({name: x for name, x in columns.items() if name not in drop}))
+    assert not isinstance(ticks, str), ticks
+    return fit_law(ticks)
+
+
+@pytest.fixture(scope="module")
+def flights() -> dict[str, dict[str, np.ndarray]]:
+    """A flight of each law."""
+    return {name: fly(law, seed=1, duration=BRIEF) for name, law in LAWS.items()}
+
+
+# ---- the law
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("drop", [(), ("theta_ref",)], ids=["", "no reference"])
+def test_any_linear_law_is_found_exactly(flights, name, drop):
+    """Its response at all frequencies, from commands, attitude and rate; without a reference too."""
+    found, (a, b, c, _, period) = fitted(flights[name], drop), LAWS[name]
+    assert not isinstance(found, str), found
+    omega = np.geomspace(1e-2, 0.99 * np.pi / period, 50)
+    z = np.exp(1j * omega * period)
+    for mine, top in zip(found.law.at(z - 1.0), (b, c), strict=True):
+        theirs = np.polyval(top[::-1], 1.0 / z) / (1.0 - np.polyval(np.r_[a[::-1], 0.0], 1.0 / z))
+        assert np.max(np.abs(mine - theirs)) < 1e-6 * (1.0 + np.max(np.abs(theirs)))
+
+
+def test_gains_are_the_laws_at_low_frequency(flights):
+    assert fitted(flights["pd"]).law.gains() == pytest.approx({"kp": 1.2, "kd": 0.5})
+    assert fitted(flights["pd gyro"]).law.gains() == pytest.approx({"kp": 1.2, "kd": 0.45})
+    assert fitted(flights["pid"]).law.gains() == pytest.approx({"kp": 1.2, "kd": 0.5, "ki": 0.5}, rel=1e-5)
+    rate = law_of(replace(PD, law="rate", kp=0.5, ki=1.2, kd=0.0, derivative_time_constant=0.0))
+    assert rate.gains() == pytest.approx({"kp": 0.5, "ki": 1.2})
+
+
+@pytest.mark.parametrize("name", ["pd", "pid", "pd gyro"])
+def test_scaled_gains_are_the_law_with_those_gains(flights, name):
+    found = fitted(flights[name]).law.scaled(kp=0.8, kd=1.3).gains()
+    own = fitted(flights[name]).law.gains()
+    assert found == pytest.approx({gain: x * {"kp": 0.8, "ki": 0.8, "kd": 1.3}[gain] for gain, x in own.items()})
+
+
+def test_rounded_columns_are_fitted_without_bias(flights):
+    """Five decimals make noise of a hundredth of the sensors'; gains within four of their standard deviations."""
+    rounded = {name: x if name == "t" else np.round(x, 5) for name, x in flights["pd"].items()}
+    found = fitted(rounded)
+    std = found.gains_std
+    assert 0.0 < std["kp"] < 1e-2 and 0.0 < std["kd"] < 1e-2
+    assert abs(found.law.gains()["kp"] - 1.2) < 4.0 * std["kp"] and abs(found.law.gains()["kd"] - 0.5) < 4.0 * std["kd"]
+
+
+def test_commands_at_the_limit_are_left_out():
+    columns = fly(LAWS["pd hot"], seed=2, duration=BRIEF, guidance=([0.0, 5.0, 5.1, 9.0, 9.1, 20.0],
+                                                                    [0.0, 0.0, 0.15, 0.15, 0.0, 0.0]))
+    assert np.mean(np.abs(columns["beta_cmd"]) >= 0.12) > 0.01
+    assert fitted(columns).law.gains() == pytest.approx({"kp": 3.0, "kd": 1.1})
+
+
+def test_a_log_faster_than_the_controller_tells_its_period(flights):
+    slow = flights["pd 50 Hz"]
+    twice = {name: np.repeat(x, 2) for name, x in slow.items()} | {"t": 0.01 * np.arange(2 * len(slow["t"]))}
+    twice["theta"][1::2] += 1e-3   # what the law did not see
+    found = fitted(twice)
+    assert found.law.period == pytest.approx(0.02) and found.law.gains() == pytest.approx({"kp": 1.2, "kd": 0.5})
+
+
+@pytest.mark.parametrize("kind", ["another sensor", "every second row", "dead band"])
+def test_what_no_linear_law_explains_is_refused(kind):
+    columns = fly(LAWS["pd"], seed=3, duration=BRIEF, copies=kind == "another sensor")
+    if kind == "every second row":
+        columns = {name: x[::2] for name, x in columns.items()}
+    if kind == "dead band":
+        columns["beta_cmd"] = np.where(np.abs(columns["beta_cmd"]) < 2e-3, 0.0, columns["beta_cmd"])
+    assert isinstance(fitted(columns), str)
+
+
+def test_a_log_without_commands_says_so(flights):
+    found = answered(read_log({name: x for name, x in flights["pd"].items() if name != "beta_cmd"}))
+    assert isinstance(found, str) and "beta_cmd" in found
+
+
+# ---- its margins
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_margins_of_any_law_are_python_controls(flights, name):
+    mine = margin_table(loops(plants_of(ROW), fitted(flights[name]).law))[0]
+    assert mine == pytest.approx(truth(LAWS[name]), rel=3e-4, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", ["pid", "gyro low-pass"])
+def test_intervals_of_a_fitted_controller_hold_the_truth(name):
+    found = launchid.margins(fly(LAWS[name], seed=4, duration=BRIEF), NOMINAL, window=10.0)
+    right = truth(LAWS[name])
+    assert found.report["controller"]["source"] == "log"
+    for window in found.windows:
+        assert window.window.status == "OK"
+        for x, margin in zip(right, (getattr(window.window.spread, each) for each in MARGIN_NAMES), strict=True):
+            half = max(margin.high - margin.value, margin.value - margin.low, 2e-3)
+            assert abs(x - margin.value) < 2.0 * half
+
+
+def test_a_log_with_another_sensors_columns_has_no_margins():
+    found = launchid.margins(fly(LAWS["pd hot"], seed=5, duration=BRIEF, copies=True), NOMINAL)
+    assert {window["status"] for window in found.report["windows"]} <= {"CONTROLLER", "UNCHECKED", "MODEL"}
+    assert "no law fitted to the log explains them" in found.summary()
+
+
+def test_gains_at_the_end_of_their_range_just_keep_what_is_required():
+    columns = fly(LAWS["pd"], seed=6, duration=10.0)
+    gains = launchid.margins(columns, NOMINAL).report["gains"]
+    for name, (least, largest) in gains.items():
+        assert least < 1.0 < largest
+        for factor, inside in ((largest, 0.99), (least, 1.01)):
+            kept, lost = (launchid.margins(columns, NOMINAL, scale=f"{name}={x}").report
+                          for x in (factor * inside, factor / inside**3))
+            assert not kept["below"] and not kept["may_be_below"]
+            assert lost["below"] or lost["may_be_below"]
+
+
+def test_given_numbers_are_judged_on_the_vehicle_that_flew():
+    columns = fly(LAWS["pd soft"], seed=7, duration=BRIEF)
+    found = launchid.margins(columns, NOMINAL, controller="kp=3.0,kd=1.1,derivative_time_constant=0.03")
+    right, spread = truth(LAWS["pd hot"]), found.windows[1].window.spread
+    assert found.report["controller"]["source"] == "given" and found.report["controller"]["kp"] == 3.0
+    assert spread.phase_deg.value == pytest.approx(right[2], abs=2.0)
+    assert spread.gain_high_db.low - 0.1 < right[1] < spread.gain_high_db.high + 0.1
+
+
+@pytest.mark.parametrize("word", ["flown", "kp=a", "ka=2", "kp=inf"])
+def test_a_controller_that_is_no_choice_is_refused_in_one_line(word):
+    with pytest.raises(UsageError, match="--controller"):
+        choice(word)
+
+
+def test_filters_and_the_rate_law_are_judged_as_python_control_judges_them():
+    """A PD with the filter y = 0.2 x + 0.8 y; and kp rate + ki sum, whose integral is an attitude."""
+    den, num = (np.convolve([1.0, -0.05 / 0.06], [1.0, -0.8]),
+                0.2 * (1.2 * np.array([1.0, -0.05 / 0.06]) + 0.5 / 0.06 * np.array([1.0, -1.0])))
+    from any_law import law
+    own = replace(PD, filters=(Section((0.2, 0.0, 0.0), (1.0, -0.8, 0.0)),))
+    mine = margin_table(loops(plants_of(ROW), law_of(own)))[0]
+    assert mine == pytest.approx(truth(law(den, num)), rel=3e-4, abs=2e-3)
+    rate = replace(PD, law="rate", kp=0.5, ki=1.2, kd=0.0, derivative_time_constant=0.0)
+    mine = margin_table(loops(plants_of(ROW), law_of(rate)))[0]
+    theirs = truth(law([1.0, -1.0], [0.0], [0.5 + 0.012, -0.5]))
+    assert mine == pytest.approx(theirs, rel=3e-4, abs=2e-3)
