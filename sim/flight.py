@@ -24,6 +24,7 @@ from .disturbance_draws import drawn_offsets, drawn_wind, offset_effects
 from .effects import Changes, Effect, effect, pack, plant
 from .errors import InputError, UsageError
 from .nominal import Nominal
+from .sections import Bending, InTime, Slosh
 from .vehicle.actuator import FIRST_ORDER_DAMPING
 from .vehicle.record import CONTROLLER_TICK, LOG_ROW, SECTION, SENSOR_NOISE, Vehicle, assembled
 from .vehicle.step import advance
@@ -112,7 +113,58 @@ def packed(nominal: Nominal, effects: Iterable[Effect] = (), centre: float | Non
     if centre is None:
         centre = 0.5 * simulation.duration if simulation is not None else math.nan
     terms = [effect("missing_term", term=term, coefficient=value) for term, value in nominal.terms]
-    return pack([*terms, *nominal.effects, *effects], step, centre)
+    changes = pack([*terms, *nominal.effects, *effects], step, centre)
+    changes.modes += mode_rows(nominal)
+    return changes
+
+
+def modes_of(nominal: Nominal) -> tuple[Slosh | Bending, ...]:
+    """Return the modes of [[slosh]] and [[bending]], in this order."""
+    return (*nominal.slosh, *nominal.bending)
+
+
+def tuned(mode: Slosh | Bending, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return stiffness [1/s^2], drag [1/s] and gain of a mode (n,) each at times t (n,) [s]; of bending that the
+    attitude sensor does not see the gyro's gain."""
+    w, z = mode.frequency.at(t), mode.damping_ratio.at(t)
+    if isinstance(mode, Slosh):
+        return w * w, 2.0 * z * w, mode.coupling.at(t) * w * w
+    gain = mode.gain if any(mode.gain.value) or mode.gyro_gain is None else mode.gyro_gain
+    return w * w, 2.0 * z * w, gain.at(t)
+
+
+def mode_rows(nominal: Nominal) -> list[tuple[float, ...]]:
+    """Return the rows of [[slosh]] and [[bending]] for `Changes.modes`, with their numbers at t = 0."""
+    rows, zero = [], np.zeros(1)
+    for mode in modes_of(nominal):
+        stiffness, drag, gain = (float(x[0]) for x in tuned(mode, zero))
+        angle, rate = 1.0, 1.0
+        if isinstance(mode, Bending) and mode.gyro_gain is not None:
+            angle, rate = gyro_shares(mode)
+        rows.append((float(isinstance(mode, Bending)), stiffness, drag, gain, angle, rate, *[0.0] * 6))
+    return rows
+
+
+def gyro_shares(mode: Bending) -> tuple[float, float]:
+    """Return what attitude sensor and gyro show of a bending mode, in units of the gain that drives it."""
+    if mode.gyro_gain is None:
+        return 1.0, 1.0
+    if not any(mode.gain.value):
+        return 0.0, 1.0
+    t = np.union1d(mode.gain.t, mode.gyro_gain.t)
+    gain = mode.gain.at(t)
+    return 1.0, float(mode.gyro_gain.at(t) @ gain / (gain @ gain))
+
+
+def tuning(nominal: Nominal, modes: int, steps: int, h: float) -> np.ndarray | None:
+    """Return `Vehicle.tuning` of the last of so many modes, those of sections, at steps of h [s]; None if constant."""
+    own = modes_of(nominal)
+    if all(len(x.t) == 1 for mode in own for x in vars(mode).values() if isinstance(x, InTime)):
+        return None
+    if len(own) < modes:
+        raise InputError(f"{nominal.path}: [[slosh]] or [[bending]] over time beside an effect slosh or bending: "
+                         "expected sections alone")
+    return np.stack([np.stack(tuned(mode, np.arange(steps) * h)) for mode in own])
 
 
 def dispersion(nominal: Nominal, delta_a6: float, delta_k1: float) -> tuple[Factor, Factor]:
@@ -177,7 +229,8 @@ def prepare(nominal: Nominal, seed: int, suite: str, period: float | None, a6_fa
     vehicle = assembled({**constants(nominal), "control_every": control_every, "log_every": log_every}, changes, tick,
                         noises, a6, k1, np.zeros(ticks), sections(nominal),
                         wind=drawn_wind(nominal.wind, seed, steps, h, changes),
-                        drift=None if nominal.drift is None else np.stack(nominal.drift.at(half_steps)))
+                        drift=None if nominal.drift is None else np.stack(nominal.drift.at(half_steps)),
+                        tuning=tuning(nominal, len(changes.modes), steps, h))
     return vehicle, steps
 
 

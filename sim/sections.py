@@ -96,6 +96,53 @@ class Offsets:
         return self == Offsets()
 
 
+@dataclass(frozen=True)
+class InTime:
+    """A number over flight time: nodes t [s], increasing, with their values; linear between, held beyond."""
+
+    t: tuple[float, ...]
+    value: tuple[float, ...]
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Return the number at times t (n,) [s]."""
+        return np.interp(t, self.t, self.value)
+
+
+def constant(x: float) -> InTime:
+    """Return a number that is the same at all times."""
+    return InTime((0.0,), (x,))
+
+
+SLOSH_DAMPING, BENDING_DAMPING = constant(0.02), constant(0.03)  # as of the effects: baffled tank, light alloy
+MOST_MODES = 3  # of slosh, and of bending: more than a launcher's controller is designed for
+
+
+@dataclass(frozen=True)
+class Slosh:
+    """One [[slosh]]: psi'' + 2 z w psi' + w^2 psi = -theta_ddot; theta_ddot += coupling w^2 psi."""
+
+    frequency: InTime                 # w, rad/s
+    coupling: InTime
+    damping_ratio: InTime = SLOSH_DAMPING   # z
+    frequency_sigma: float = 0.0      # one sigma of what is not known, as a share of the number; 0: known
+    coupling_sigma: float = 0.0
+    damping_ratio_sigma: float = 0.0
+
+
+@dataclass(frozen=True)
+class Bending:
+    """One [[bending]]: eta'' + 2 z w eta' + w^2 eta = w^2 beta; theta measured += gain eta, theta_dot += gyro_gain
+    eta'."""
+
+    frequency: InTime                 # w, rad/s
+    gain: InTime                      # rad/rad, at the attitude sensor
+    damping_ratio: InTime = BENDING_DAMPING   # z
+    gyro_gain: InTime | None = None   # rad/rad, at the gyro; None: `gain`
+    frequency_sigma: float = 0.0      # one sigma of what is not known, as a share of the number; 0: known
+    gain_sigma: float = 0.0           # of both gains, which are off together
+    damping_ratio_sigma: float = 0.0
+
+
 SERVO = ("natural_frequency", "damping_ratio", "delay")  # of what [actuator] may give a sigma
 
 
@@ -275,6 +322,8 @@ class Nominal(Result):
     drift: Drift | None = None
     wind: Wind | None = None
     offsets: Offsets | None = None
+    slosh: tuple[Slosh, ...] = ()
+    bending: tuple[Bending, ...] = ()
     effects: tuple["Effect", ...] = ()
     terms: tuple[tuple[str, float], ...] = ()  # (library term, coefficient)
     path: str = ""
@@ -308,6 +357,8 @@ class Nominal(Result):
         there = [name for name in ("actuator", "controller", "guidance", "simulation", "test_input", "drift", "wind",
                                    "offsets") if getattr(self, name) is not None]
         lines += [f"sections: {', '.join(there)}"] if there else []
+        modes = ["slosh"] * len(self.slosh) + ["bending"] * len(self.bending)
+        lines += [f"modes: {', '.join(modes)}"] if modes else []
         lines += [f"effects: {', '.join(each.name for each in self.effects)}"] if self.effects else []
         return "\n".join(lines)
 

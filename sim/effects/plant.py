@@ -61,10 +61,10 @@ def change(of: Changes, name: str, p: Mapping[str, Any]) -> None:
             of.parameters.append((name, dict(p)))
         case "slosh":
             w = p["frequency"]
-            of.modes.append((0.0, w * w, 2.0 * p["damping_ratio"] * w, p["coupling"] * w * w, *np.zeros(6)))
+            of.modes.append((0.0, w * w, 2.0 * p["damping_ratio"] * w, p["coupling"] * w * w, 1.0, 1.0, *np.zeros(6)))
         case "bending":
             w = p["frequency"]
-            of.modes.append((1.0, w * w, 2.0 * p["damping_ratio"] * w, p["gain"], *np.zeros(6)))
+            of.modes.append((1.0, w * w, 2.0 * p["damping_ratio"] * w, p["gain"], 1.0, 1.0, *np.zeros(6)))
         case "missing_term":
             theta, theta_dot, beta, _, function, argument = parse_term(p["term"])
             of.terms.append((p["coefficient"], theta, theta_dot, beta, function, argument))
@@ -149,6 +149,14 @@ def mode_acceleration(mode, theta_ddot, beta):
 
 
 @inner
+def tune_modes(modes, tuning, i):
+    """Set stiffness, drag and gain of modes that change with time at step i; tuning (n, 3, steps) or None."""
+    if tuning is not None:
+        for k in range(modes.shape[0]):
+            modes[k].stiffness, modes[k].drag, modes[k].gain = tuning[k, 0, i], tuning[k, 1, i], tuning[k, 2, i]
+
+
+@inner
 def begin_modes(modes, jump):
     """Store the modes' state at the start of a Runge-Kutta step; a `jump` of theta_dot [rad/s] there jolts slosh."""
     if modes is not None:
@@ -187,6 +195,6 @@ def deflection(modes):
     if modes is not None:
         for mode in modes:
             if mode.bends != 0.0:
-                eta += mode.x
-                eta_dot += mode.x_dot
+                eta += mode.angle * mode.x
+                eta_dot += mode.rate * mode.x_dot
     return eta, eta_dot

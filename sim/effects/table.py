@@ -18,7 +18,9 @@ def record(*numbers: str, counts: tuple[str, ...] = ()) -> np.dtype:
 
 # an oscillator x'' = -drag x' - stiffness x + ..., with the scratch of Runge-Kutta: its state when the step began, its
 # weighted slopes
-MODE = record("bends", "stiffness", "drag", "gain", "x", "x_dot", "start", "start_dot", "total", "total_dot")
+# of bending shown by attitude sensor and gyro: angle x, rate x_dot
+MODE = record("bends", "stiffness", "drag", "gain", "angle", "rate", "x", "x_dot", "start", "start_dot", "total",
+              "total_dot")
 TERM = record("coefficient", "theta", "theta_dot", "beta", "function", "argument")  # exponents; of which of the three
 TIMED = record("kind", "amount", "first", "second")  # what the time decides
 INPUT_EFFECT = record("kind", "value", "x")        # what remembers between command and servo

@@ -2,15 +2,17 @@
 
 import math
 import tomllib
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError, UsageError, did_you_mean
 from ..files import reads
 from ..sections import (
+    MOST_MODES,
+    Bending,
     Controller,
     Diagnosis,
     Drift,
@@ -21,6 +23,7 @@ from ..sections import (
     Required,
     Sensors,
     Simulation,
+    Slosh,
     Wind,
 )
 from .control import actuator_of, controller_of, guidance_of, test_input_of
@@ -30,6 +33,7 @@ from .table import Table
 if TYPE_CHECKING:
     from ..effects import Effect
 
+RADIANS_PER_STEP = 0.5  # as of `effects.catalogue`: what Runge-Kutta 4 resolves of an oscillation
 PARTS_OF_PERIOD = 50  # of the shorter period, beyond the fewest, tried for a step that divides both
 
 
@@ -57,7 +61,7 @@ def parsed(path: Path, text: str) -> Nominal:
 def nominal_of(file: Table) -> Nominal:
     """Return the nominal of a table, all sections checked; InputError naming the place of whatever is wrong."""
     known = {"name", "vehicle", "uncertainty", "actuator", "controller", "guidance", "sensors", "simulation",
-             "diagnosis", "margins", "test_input", "drift", "wind", "offsets", "effects"}
+             "diagnosis", "margins", "test_input", "drift", "wind", "offsets", "effects", "slosh", "bending"}
     for key in file.table:
         if key not in known:
             raise InputError(f"{file.path}: unknown key '{key}'; "
@@ -82,7 +86,8 @@ def nominal_of(file: Table) -> Nominal:
         simulation=simulation, diagnosis=diagnosis or Diagnosis(),
         margins=file.section("margins", Required) or Required(), test_input=test_input_of(file),
         drift=drift_of(file), wind=wind_of(file),
-        offsets=file.section("offsets", Offsets), effects=effects_of(file), path=str(file.path))
+        offsets=file.section("offsets", Offsets), slosh=modes_of(file, "slosh", Slosh, simulation),
+        bending=modes_of(file, "bending", Bending, simulation), effects=effects_of(file), path=str(file.path))
 
 
 def with_whole_steps(file: Table, simulation: Simulation, controller: Controller | None,
@@ -196,6 +201,51 @@ def wind_of(file: Table) -> Wind | None:
         columns, path = file.csv("wind.profile", table.pop("profile"), FORECAST)
         forecast = Forecast(path=path, **columns)
     return Wind(profile=forecast, **file.values("wind", table))
+
+
+def modes_of(file: Table, section: str, kind: type[Any], simulation: Simulation | None) -> tuple[Any, ...]:
+    """Return [[slosh]] or [[bending]] in the order of the file, () without any; InputError if wrong."""
+    tables = file.table.get(section, [])
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise file.fail(section, tables, f"[[{section}]] tables")
+    if len(tables) > MOST_MODES:
+        raise InputError(f"{file.path}: [[{section}]] stands {len(tables)} times; expected at most {MOST_MODES}")
+    return tuple(mode_of(file, f"{section}[{k}]", table, kind, simulation) for k, table in enumerate(tables))
+
+
+def mode_of(file: Table, place: str, table: dict[str, Any], kind: type[Any], simulation: Simulation | None) -> Any:
+    """Return one mode, each of its numbers in its range, and its frequency within what the simulation resolves."""
+    from ..effects import CATALOGUE
+    known = {f.name: f for f in fields(kind)}
+    ranges = {p.name: p for p in CATALOGUE[kind.__name__.lower()].parameters}
+    for key in table:
+        if key not in known:
+            raise InputError(f"{file.path}: unknown key '{place}.{key}'; "
+                             + did_you_mean(key, sorted(known), f"expected one of {', '.join(sorted(known))}"))
+    for key, field in known.items():
+        if field.default is MISSING and key not in table:
+            raise InputError(f"{file.path}: key '{place}.{key}' is missing")
+    given: dict[str, Any] = {}
+    for key, value in table.items():
+        if key.endswith("_sigma"):
+            given[key] = file.number(f"{place}.{key}", value, least=0.0)
+            continue
+        given[key] = file.in_time(f"{place}.{key}", value)
+        allowed = ranges.get(key, ranges.get("gain"))
+        for x in given[key].value:
+            if allowed is not None and not allowed.allows(x):
+                raise file.fail(f"{place}.{key}", x, allowed.expected)
+    mode = kind(**given)
+    if isinstance(mode, Bending) and mode.gyro_gain is not None and any(mode.gain.value):
+        t = np.union1d(mode.gain.t, mode.gyro_gain.t)
+        gain, seen = mode.gain.at(t), mode.gyro_gain.at(t)
+        if not np.allclose(seen * (gain @ gain), gain * (gain @ seen), rtol=1e-6, atol=1e-12):
+            raise file.fail(f"{place}.gyro_gain", list(mode.gyro_gain.value), "the same share of gain at all times")
+    fastest = max(given["frequency"].value)
+    if simulation is not None and fastest * simulation.step > RADIANS_PER_STEP:
+        raise file.fail(f"{place}.frequency", fastest, f"at most {RADIANS_PER_STEP / simulation.step:g} rad/s, what "
+                        f"the simulation's step of {simulation.step:g} s resolves")
+    return mode
 
 
 def effects_of(file: Table) -> tuple["Effect", ...]:

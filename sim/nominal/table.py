@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import MISSING, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, did_you_mean
-from ..sections import ANYWHERE, AT_REST
+from ..sections import ANYWHERE, AT_REST, InTime, constant
 from .profiles import read_columns
 
 LARGEST_QUANTITY = 1e300  # a number beyond it is no physical quantity
@@ -89,6 +90,17 @@ class Table:
         if not isinstance(value, list) or not value:
             raise self.fail(place, value, "a list of numbers")
         return tuple(self.number(f"{place}[{i}]", x, above, least) for i, x in enumerate(value))
+
+    def in_time(self, place: str, value: object) -> InTime:
+        """Return a number, or one over time {t = [...], value = [...]} with increasing times; InputError else."""
+        if not isinstance(value, dict):
+            return constant(self.number(place, value))
+        if set(value) != {"t", "value"}:
+            raise self.fail(place, value, "a number, or {t = [...], value = [...]}")
+        t, x = (self.numbers(f"{place}.{key}", value[key]) for key in ("t", "value"))
+        if len(t) != len(x) or any(b <= a for a, b in pairwise(t)):
+            raise self.fail(place, value, "increasing times t [s] and as many values")
+        return InTime(t, x)
 
     def same_length(self, section: str, columns: dict[str, tuple[float, ...]]) -> None:
         (first, head), *others = columns.items()

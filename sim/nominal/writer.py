@@ -12,7 +12,18 @@ import numpy as np
 
 from ..errors import InputError, UsageError
 from ..files import write_text
-from ..sections import Controller, Diagnosis, Drift, Forecast, Nominal, Profile, Required
+from ..sections import (
+    Bending,
+    Controller,
+    Diagnosis,
+    Drift,
+    Forecast,
+    InTime,
+    Nominal,
+    Profile,
+    Required,
+    Slosh,
+)
 from .control import ONLY_ATTITUDE
 from .profiles import DRIFT_COLUMNS, FORECAST, VEHICLE, read_columns
 
@@ -54,6 +65,9 @@ def content_of(nominal: Nominal, path: str | Path) -> Content:
             content[section] = _numbers(plain)
         if isinstance(plain, Controller) and plain.filters:
             content[section]["filters"] = [{"b": list(each.b), "a": list(each.a)} for each in plain.filters]
+    for section, modes in (("slosh", nominal.slosh), ("bending", nominal.bending)):
+        if modes:
+            content[section] = [_mode(mode) for mode in modes]
     if nominal.effects:
         from ..effects import values
         content["effects"] = [{"name": each.name, **values(each)} for each in nominal.effects]
@@ -101,6 +115,19 @@ def _numbers(part: Any) -> Content:
     return {key.name: list(value) if isinstance(value, tuple) else value
             for key, value in ((key, getattr(part, key.name)) for key in fields(part))
             if key.name not in ("filters", "profile", *foreign) and not _is_default(key, value)}
+
+
+def _mode(mode: Slosh | Bending) -> Content:
+    """Return the keys of a mode that are not their defaults: numbers, and numbers over time."""
+    content: Content = {}
+    for key in fields(mode):
+        value = getattr(mode, key.name)
+        if value == key.default:
+            continue
+        is_constant = isinstance(value, InTime) and len(value.t) == 1
+        content[key.name] = value.value[0] if is_constant else \
+            {"t": list(value.t), "value": list(value.value)} if isinstance(value, InTime) else value
+    return content
 
 
 def _is_default(key: "Field[Any]", value: object) -> bool:

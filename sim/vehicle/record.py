@@ -60,15 +60,16 @@ class Vehicle(NamedTuple):
     terms: Table    # (n,) TERM; None: none
     timed: Table    # (n,) TIMED
     inputs: Table   # (n,) INPUT_EFFECT
+    tuning: Table   # (n, 3, steps) stiffness, drag, gain of the modes at every step; None: they are constant
     history: Table  # (2, steps + 1) attitude and rate at the sensors, or (2, 0): no sensor is late
 
 
 def assembled(constants: Mapping[str, float], changes: Changes, ticks: np.ndarray, noise: np.ndarray, a6: np.ndarray,
               k1: np.ndarray, commands: np.ndarray, filters: np.ndarray, wind: np.ndarray | None,
-              drift: np.ndarray | None, is_plain: bool = True) -> Vehicle:
+              drift: np.ndarray | None, is_plain: bool = True, tuning: np.ndarray | None = None) -> Vehicle:
     """Return a vehicle at rest, with what effects change.
 
-    constants  of FLIGHT;  others  of `Vehicle`; wind, drift  None: none
+    constants  of FLIGHT;  others  of `Vehicle`; wind, drift, tuning  None: none
     is_plain   tables that no effect fills are None (else empty arrays)
     """
     flight = np.zeros(1, FLIGHT)
@@ -87,7 +88,7 @@ def assembled(constants: Mapping[str, float], changes: Changes, ticks: np.ndarra
     v.pole = fastest_pole(v.frequency, v.damping)
     free = np.full(1, math.nan, FREE_MOTION) if not is_plain or v.pole * v.step > POLE_STEP else None
     own = Vehicle(flight, ticks, noise, a6, k1, np.zeros(len(commands)), commands, filters, np.zeros(4, STAGE), free,
-                  *[None] * 7)
+                  *[None] * 8)
     is_late = changes.attitude_delay > 0.0 or changes.gyro_delay > 0.0
     drifts = drift is not None or changes.z_alpha != 0.0 or changes.z_beta != 0.0
     if is_plain and not (wind is not None or drifts or is_late or changes.modes or changes.terms or changes.timed
@@ -96,7 +97,7 @@ def assembled(constants: Mapping[str, float], changes: Changes, ticks: np.ndarra
     steps = len(a6) // 2
     return own._replace(
         wind=np.full(steps + 1, -0.0) if wind is None else wind, drift=np.zeros((2, 0)) if drift is None else drift,
-        modes=np.array(changes.modes, MODE),
+        modes=np.array(changes.modes, MODE), tuning=tuning,
         terms=None if is_plain and not changes.terms else np.array(changes.terms, TERM),
         timed=np.array(changes.timed, TIMED), inputs=np.array(sorted(inputs, key=lambda row: row[0]), INPUT_EFFECT),
         history=np.zeros((2, steps + 1 if is_late else 0)))

@@ -161,6 +161,7 @@ def advance(f, steps, rows):
         if not abs(v.theta) <= v.lost_angle:
             v.lost = 1
             return
+        plant.tune_modes(f.modes, f.tuning, i)
         sensor.remember(v, f.modes, f.history, i)
         theta, theta_dot = sensor.read(v, f.modes, f.history, i)
         if phase == 0:
