@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from launchid.argument_checks import several
 from launchid.log.cut import Bound, cut_log
-from launchid.log.log import REQUIRED, Log, log_of
+from launchid.log.log import Log, log_of
 from launchid.log.log import read_log as read_file
+from launchid.log.table import DRIVEN
 from sim import nominal as nominals
 from sim.errors import InputError, UsageError
 from sim.files import as_path
@@ -55,11 +56,11 @@ OPTION = re.compile(r"(?<!\S)--([a-z][a-z0-9-]*)")
 RENAMED_OPTIONS = {"effect": "effects"}  # of options whose parameter has another name
 
 
-def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
+def read_log(source: LogSource, required: tuple[str, ...] = DRIVEN, *,
              map: str | os.PathLike[str] | None = None, from_: Bound = None, to: Bound = None) -> Log:
     """Return a log from a path, data frame, mapping of arrays, log, or result that has one.
 
-    required  columns that it must have, else InputError
+    required  columns that it must have, else InputError; "a or b": one of the two
     map       MAP.toml for a path to a ULog, MCAP, MAT, HDF5, Parquet or other CSV file
     from_, to first and last time [s of the log's own time] of its rows; "start", "end": all of them, whatever its
               phases; None: the phase in which beta moves the vehicle, if the log has others
@@ -67,9 +68,9 @@ def read_log(source: LogSource, required: tuple[str, ...] = REQUIRED, *,
     if map is not None:
         from launchid.commands.convert import convert
         from launchid.convert.mapping import load_map
-        mapping = load_map(as_path(map))
+        path, mapping = str(as_path(source)), load_map(as_path(map))
         mapping = dataclasses.replace(mapping, cut=mapping.cut.but(from_, to, ("from_", "to")))
-        return warned(convert(str(as_path(source)), mapping, required)).log
+        return warned(convert(path, mapping, required)).log
     return cut_log(_read(source, required), from_, to, ("from_", "to"))
 
 

@@ -68,19 +68,20 @@ def read_noting(path: str, *required: str, map_path: str | None = None, from_: s
     from_, to  first and last time [s] of the rows that are used, as texts; None: all, or what the map says
     """
     from ..log.cut import cut_log
-    from ..log.log import REQUIRED, read_log
+    from ..log.log import read_log
+    from ..log.table import DRIVEN
     report(f"reading {path}")
     if map_path:
         from ..commands.convert import convert
         from ..convert.mapping import load_map
         mapping = load_map(map_path)
         mapping = replace(mapping, cut=mapping.cut.but(from_, to))
-        converted = convert(path, mapping, required or REQUIRED)
+        converted = convert(path, mapping, required or DRIVEN)
         warn(converted)
         return converted.log
     from ..convert.readers import refuse_foreign
     refuse_foreign(path)
-    log = read_log(path, required or REQUIRED)
+    log = read_log(path, required or DRIVEN)
     if log.ignored:
         say(f"{path}: columns ignored: {', '.join(ascii(name)[1:-1] for name in log.ignored)}")
     return cut_log(log, from_, to)

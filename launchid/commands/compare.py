@@ -10,6 +10,7 @@ from sim.errors import UsageError
 from ..argument_checks import integer
 from ..cli.common import at_least, check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict, given
+from ..log.table import REQUIRED
 
 if TYPE_CHECKING:
     from ..comparison.result import Comparison
@@ -37,7 +38,7 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run `launchid compare` with its parsed arguments: print the comparison, and write what options ask for."""
     at_least("--flights", args.flights, 0)
-    log = read_noting(args.log, **reading(args))
+    log = read_noting(args.log, *REQUIRED, **reading(args))
     nominals = [read_nominal(path) for path in args.nominals]
     check_outputs(args.json, plots=(args.plot,), folder=args.report)
     result = compare(log, *nominals, **given(compare, args))
@@ -71,18 +72,19 @@ def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict
     from ..comparison.prediction import predictions
     from ..comparison.result import Beside, Comparison, labels, masked, report
     from ..log.check import checked
+    from ..log.phases import phase_note
     from ..progress import Counter
     from ..sources import load_nominal, read_log
     flights = integer("--flights", flights, 0)
     if not nominals:
         raise UsageError("compare: expected at least one nominal")
-    log, believed = read_log(log), [load_nominal(nominal) for nominal in nominals]
+    log, believed = read_log(log, REQUIRED), [load_nominal(nominal) for nominal in nominals]
     said: tuple[str, ...] = ()
     made, first = list[Beside](), None
     count = Counter(flights * len(believed), "flights with the dispersions")
     for label, nominal in zip(labels(believed), believed, strict=True):
         seen = checked(log, nominal, strict=strict)
-        said += seen.warnings
+        said += (*seen.warnings, *phase_note(log, seen.log, seen.data))
         clean = masked(seen.log, seen.data)
         first = first or clean
         made.append(Beside(label, nominal, predictions(seen.log, nominal, seen.data), flown(clean, nominal),

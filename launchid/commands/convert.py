@@ -84,7 +84,7 @@ class Converted(Answer):
         write_columns(path, self.log.measured())
 
 
-def convert(path: str, mapping: Map, required: tuple[str, ...] = ("t", "theta", "beta")) -> Converted:
+def convert(path: str, mapping: Map, required: tuple[str, ...] = ("t", "theta", "beta or beta_cmd")) -> Converted:
     """Return the log that a map makes of a flight's file; InputError if a required column is missing."""
     import numpy as np
 

@@ -92,6 +92,7 @@ def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | Non
     from ..diagnosis.answer import report
     from ..diagnosis.verdict import diagnose as examine
     from ..log.check import checked, ideal_note
+    from ..log.phases import phase_note
     from ..progress import report as show
     from ..sources import load_nominal, read_log
     bootstrap, noise = integer("--bootstrap", bootstrap, 0), word("--noise", noise, NOISE_CHOICES)
@@ -103,7 +104,8 @@ def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | Non
     if strict:
         checked(log, nominal, strict=strict)
     result = examine(log, nominal, second, bootstrap=bootstrap, say=show, noise=noise)
-    return Diagnosed(result, report(result), ideal_note(log))
+    reading = result.reading
+    return Diagnosed(result, report(result), (*ideal_note(log), *phase_note(log, reading.log, reading.data)))
 
 
 @dataclass(frozen=True, eq=False)

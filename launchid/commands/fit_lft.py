@@ -88,6 +88,7 @@ def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float =
         For a log whose columns are in another unit, of another sign or exchanged, or one that is given twice.
     """
     from ..log.check import checked
+    from ..log.commanded import with_nozzle
     from ..robustness import greybox, level
     from ..sources import each_of, load_nominal, read_log
     if not logs:
@@ -103,8 +104,9 @@ def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float =
     flights = []
     for log in progress.each(read, "logs fitted"):
         seen = checked(log, nominal, strict=strict, refuse_columns=True)
-        said += seen.warnings
-        flights.append(greybox.deviations(seen, nominal))
+        seen, believed, note = with_nozzle(seen, nominal)
+        said += (*seen.warnings, *note)
+        flights.append(greybox.deviations(seen, believed))
     fit = greybox.fit(flights, share, confidence, profile)
     ranges = {name: {key: getattr(each, key) for key in ("sigma", "method", "spread", "within", "noise", "held")}
               for name, each in zip(level.UNCERTAIN_PARAMETERS, fit.ranges, strict=True)}

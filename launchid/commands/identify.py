@@ -111,20 +111,23 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
     Identification
     """
     from ..identification.windows import identified, is_weak, log_config, refuse_too_long, report_of, servo_note
-    from ..log.check import checked, profile_note
+    from ..log.check import profile_note
+    from ..log.commanded import with_nozzle
+    from ..log.phases import checked_flight
     from ..robustness import level
     from ..sources import load_nominal, read_log
     log, nominal = read_log(log), None if nominal is None else load_nominal(nominal)
     choices = {"solver": solver, "threshold": threshold, "compression": compression, "seed": seed, "noise": noise}
     window = window if isinstance(window, str) else real("--window", window, "seconds or 'all'")
+    seen = checked_flight(log, nominal, strict=strict)
+    seen, believed, said = with_nozzle(seen, nominal)
+    log, said = seen.log, (*seen.warnings, *said)
     if window == "all":
         refuse_too_long(log)
-    seen = checked(log, nominal, strict=strict)
-    log, said = seen.log, seen.warnings
     weak = is_weak(log, nominal, formulation, library, choices)
     optional = ("theta_dot",) if weak and library is None and nominal is None else ()
     library = ("theta,beta,1" if optional else "rigid-body") if library is None else library
-    config = log_config(log, nominal, str(window), formulation, tracked, seen.bridged, library=library, **choices)
+    config = log_config(log, believed, str(window), formulation, tracked, seen.bridged, library=library, **choices)
     if config.missing_commands > 0.0:
         said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
                  "standard deviations are wider for it",)

@@ -92,20 +92,21 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_W
         A nominal without [actuator] or [controller], or a loop that is not modelled.
     """
     from ..identification.windows import identified, log_config, servo_note
-    from ..log.check import checked
+    from ..log.commanded import measured_alone, with_nozzle
+    from ..log.phases import checked_flight
     from ..robustness.flight_margins import declared_servo
     from ..robustness.flown import choice
     from ..sources import load_nominal, read_log
     asked = choice(controller, scale)
     nominal = load_nominal(nominal)
     declared_servo(nominal)  # InputError for a loop without this model, before the log is checked
-    checked_log = checked(read_log(log), nominal, strict=strict)
+    checked_log, believed, said = with_nozzle(checked_flight(read_log(log), nominal, strict=strict), nominal)
     log = checked_log.log
-    config = log_config(log, nominal, str(window), "filtered", True, checked_log.bridged, library="rigid-body")
-    warnings = (*checked_log.warnings, *servo_note(log, nominal, config))
+    config = log_config(log, believed, str(window), "filtered", True, checked_log.bridged, library="rigid-body")
+    warnings = (*checked_log.warnings, *said, *servo_note(log, nominal, config))
     result = identified(config, checked_log)
-    return of_identified(log, nominal, result.config, result.judged.estimates, result.estimator.changes(), tracked,
-                         (*warnings, *result.warnings), asked)
+    return of_identified(measured_alone(log), nominal, result.config, result.judged.estimates,
+                         result.estimator.changes(), tracked, (*warnings, *result.warnings), asked)
 
 
 def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate],

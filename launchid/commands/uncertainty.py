@@ -65,15 +65,19 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = DEFAU
     """
     from ..judge.nominal import lines, tested
     from ..log.check import checked
+    from ..log.commanded import with_nozzle
+    from ..log.phases import phase_note
     from ..robustness import level
     from ..sources import load_nominal, read_log
     nominal = load_nominal(nominal)
     seen = checked(read_log(log), nominal, strict=strict)
+    seen, believed, said = with_nozzle(seen, nominal)
     try:
-        estimates = level.follow(seen, nominal, window)
+        estimates = level.follow(seen, believed, window)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    warnings = (*seen.warnings, *lines(seen, tested(seen, nominal, estimates)))
+    warnings = (*seen.warnings, *said, *lines(seen, tested(seen, nominal, estimates)),
+                *phase_note(seen.raw, seen.log, seen.data))
     return UncertaintyLevel(seen.log, nominal, window, estimates, level.report(estimates), warnings)
 
 

@@ -21,6 +21,7 @@ from ..charts.report import COLOUR
 from ..log.check import COLUMN_FAULTS, checked, columns_alone
 from ..log.fault import Fault
 from ..log.log import Log
+from ..log.phases import phase_note
 from ..log.table import OPTIONAL, REQUIRED
 
 COLUMN_UNITS = {"theta_dot": "rad/s", "theta_ddot": "rad/s$^2$", "rate_ref": "rad/s"}  # the others: rad
@@ -33,28 +34,31 @@ MARKED_VALUES = 60  # values of a column that are drawn one by one, too
 @dataclass(frozen=True, eq=False)
 class Looked:
     """A log and what the data check finds in it: `faults`; `masks`, for each column the values (n,) bool that it
-    doubts; `refused`, the reason why its stamps cannot be used, "" if they can."""
+    doubts; `refused`, the reason why its stamps cannot be used, "" if they can; `phases`, a line on
+    them, if it has several."""
 
     log: Log
     faults: tuple[Fault, ...]
     masks: dict[str, np.ndarray]
     refused: str = ""
+    phases: tuple[str, ...] = ()
 
     @property
     def lines(self) -> list[str]:
         """Lines for the user, one for each fault."""
-        return [f"{self.log.path}: {fault.message}" for fault in self.faults] + ([self.refused] if self.refused else [])
+        said = [f"{self.log.path}: {fault.message}" for fault in self.faults]
+        return [*said, *([self.refused] if self.refused else []), *self.phases]
 
 
 def looked_at(log: Log) -> Looked:
     """Return a log with the data check's findings (made without a nominal); its stamps may be unusable."""
     try:
         seen = checked(log)
-        found, data, refused = seen.faults, seen.data, ""
+        found, data, refused, phases = seen.faults, seen.data, "", phase_note(log, seen.log, seen.data)
     except InputError as error:   # its clock is none
-        found, data, refused = (), columns_alone(log), str(error)
+        found, data, refused, phases = (), columns_alone(log), str(error), ()
     doubted = {name: np.isfinite(getattr(log, name)) & ~mask for name, mask in data.masks.items()}
-    return Looked(log, found or data.faults, doubted, refused)
+    return Looked(log, found or data.faults, doubted, refused, phases)
 
 
 def logs_figure(logs: Sequence[Looked]) -> Figure:

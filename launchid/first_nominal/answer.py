@@ -7,8 +7,8 @@ import numpy as np
 
 from sim.errors import InputError
 
-from ..log.check import checked
 from ..log.log import Log
+from ..log.phases import checked_flight
 from ..log.rates import INTERPOLATED, rate_of
 from ..weakform.fit import gls
 from ..weakform.judge import FAST_THETA, WRONG, Lack, Lead, against, question
@@ -72,8 +72,9 @@ class First:
 def first(log: Log) -> First:
     """Determine the vehicle's numbers from its log.  InputError if columns, rows or motion are missing, or a column
     holds another quantity than its name says."""
-    seen = checked(log, refuse_columns=True)
+    seen = checked_flight(log, refuse_columns=True)
     log, c = seen.log, channels(seen.log)
+    c = replace(c, notes=(*(fault.message for fault in seen.mended if fault.kind == "phases"), *c.notes))
     moving = c.theta if c.has("theta") else c.theta_dot
     if np.nanmax(moving) == np.nanmin(moving):
         raise InputError(f"{c.path}: column {'theta' if c.has('theta') else 'theta_dot'}: the same value in every row; "

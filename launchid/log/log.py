@@ -28,7 +28,7 @@ from sim.errors import InputError, did_you_mean
 from sim.files import is_read, reads, write_text
 from sim.result import Result
 
-from .table import OPTIONAL, REQUIRED, Columns, places
+from .table import DRIVEN, EITHER, OPTIONAL, REQUIRED, Columns, places
 
 if TYPE_CHECKING:
     from sim.flight import Flight
@@ -59,6 +59,7 @@ class Log(Result):
     gamma: np.ndarray = None     # type: ignore[assignment]  # left out: not measured, as the next two
     alpha: np.ndarray = None     # type: ignore[assignment]
     rate_ref: np.ndarray = None  # type: ignore[assignment]
+    beta_noise: float = 0.0    # rad, of a beta that is predicted and not measured, as the estimator gets it
     is_chosen: bool = False    # a user chose its rows (`log.cut`), so that no phase of it is chosen for him
 
     def __post_init__(self) -> None:
@@ -152,7 +153,7 @@ class Log(Result):
 
     def samples(self) -> Iterator[Sample]:
         """Yield the rows as samples for the estimator."""
-        columns = (self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd,
+        columns = (self.t, self.theta, self.theta_dot, self._nozzle(), self.theta_ddot, self.beta_cmd,
                    self.flight_path)
         for first in range(0, len(self.t), FED):  # as Python's floats a log takes four times its arrays
             part = [column[first:first + FED].tolist() for column in columns]
@@ -160,8 +161,14 @@ class Log(Result):
 
     def rows(self) -> np.ndarray:
         """Return an array (n, 7) for `Estimator.replay`: t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma."""
-        return np.column_stack([self.t, self.theta, self.theta_dot, self.beta, self.theta_ddot, self.beta_cmd,
+        return np.column_stack([self.t, self.theta, self.theta_dot, self._nozzle(), self.theta_ddot, self.beta_cmd,
                                 self.flight_path])
+
+    def _nozzle(self) -> np.ndarray:
+        """Return beta (n,) [rad] for the estimator: where it is predicted, with the white noise that says so."""
+        if not self.beta_noise > 0.0:
+            return self.beta
+        return np.asarray(self.beta + self.beta_noise * np.random.default_rng(0).standard_normal(len(self.t)))
 
 
 def measured_logs() -> tuple[str, ...]:
@@ -204,11 +211,11 @@ def _opened(path: str) -> Iterator[TextIO]:
         yield file
 
 
-def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
+def read_log(path: str | Path, required: tuple[str, ...] = DRIVEN) -> Log:
     """Read a CSV log; InputError in one line if it cannot be read or no row has all required columns finite.
 
     path      of a file, `-`: standard input, or the name of a log that comes with the package
-    required  columns that must be there
+    required  columns that must be there; "a or b": one of the two
     """
     path = str(path)
     try:
@@ -226,7 +233,8 @@ def read_log(path: str | Path, required: tuple[str, ...] = REQUIRED) -> Log:
 
 def _made(path: str, values: dict[str, np.ndarray], required: tuple[str, ...], ignored: tuple[str, ...]) -> Log:
     """Return the log of these columns; InputError if no row has all required ones finite."""
-    if not np.logical_and.reduce([np.isfinite(values[name]) for name in required]).any():
+    there = [[np.isfinite(values[each]) for each in name.split(EITHER) if each in values] for name in required]
+    if not np.logical_and.reduce([np.logical_or.reduce(each) for each in there]).any():
         raise InputError(f"{path}: no usable row; expected rows with finite {', '.join(required)}")
     return log_of_values(path, values, ignored)
 
@@ -238,7 +246,7 @@ def log_of_values(path: str, values: dict[str, np.ndarray], ignored: tuple[str, 
     return Log(path=path, columns=tuple(values), ignored=ignored, **arrays)
 
 
-def log_of(columns: Any, path: str = "log", required: tuple[str, ...] = REQUIRED) -> Log:
+def log_of(columns: Any, path: str = "log", required: tuple[str, ...] = DRIVEN) -> Log:
     """Return the log of a mapping or data frame, name -> column of numbers; None, NA and masked values become NaN.
 
     path  what messages call it;  InputError for a missing column, unequal lengths, no numbers, or no usable row

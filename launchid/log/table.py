@@ -16,7 +16,9 @@ from sim.csv_text import number, shown
 from sim.errors import InputError
 
 REQUIRED = ("t", "theta", "beta")
+DRIVEN = ("t", "theta", "beta or beta_cmd")   # the same, where a command may stand for the nozzle
 OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref", "gamma", "alpha", "rate_ref")
+EITHER = " or "
 ROWS_A_BLOCK = 4096  # rows that are text at a time
 FOREIGN_DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs' files
 
@@ -50,8 +52,10 @@ def places(path: str, header: list[str], required: tuple[str, ...], where: str =
     if "gamma" in names and "alpha" in names:
         raise InputError(f"{path}: {where}columns gamma and alpha; expected one of them, the other follows from theta")
     for name in required:
-        if name not in names:
-            raise InputError(f"{path}: {where}{_without(name, names)}; expected a header with {', '.join(required)}")
+        either = name.split(EITHER)
+        if not set(either) & set(names):
+            raise InputError(f"{path}: {where}{_without(either[0], names)}; expected a header with "
+                             f"{', '.join(each.split(EITHER)[0] for each in required)}")
     return {name: k for k, name in enumerate(names)}
 
 

@@ -1,0 +1,78 @@
+"""Give a log of commands without a nozzle sensor the nozzle that its commands make.
+
+Without a nominal the command itself is the input; its delay and lag are fitted, as those of any input.  With one the
+nozzle is the answer of the nominal's servo, and the filter predicts it from the commands.  What the filter takes as the
+nozzle's measurement is that answer with white noise of UNSEEN, which is declared to it: a sensor that tells nothing, so
+that no number rests on a nozzle that nobody saw.
+"""
+
+import math
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from sim.nominal import Nominal
+
+from .check import CheckedLog
+from .log import Log
+
+Believed = TypeVar("Believed", bound=Nominal | None)
+
+UNSEEN = 0.1   # rad, one sigma of the sensor that tells nothing: as far as any nozzle goes
+
+
+def is_of_commands(log: Log) -> bool:
+    """Whether a log has commands, and no measured nozzle."""
+    return not np.isfinite(log.beta).any() and bool(np.isfinite(log.beta_cmd).any())
+
+
+def with_nozzle(seen: CheckedLog, nominal: Believed) -> tuple[CheckedLog, Believed, tuple[str, ...]]:
+    """Return (the checked log with a nozzle, the nominal that knows how little it is worth, a note on it), of a log of
+    commands alone; any other log as it is.
+
+    Parameters
+    ----------
+    seen : CheckedLog
+    nominal : Nominal or None
+        Its [actuator] predicts the nozzle; without it the command is the input.
+    """
+    log = seen.log
+    if not is_of_commands(log):
+        return seen, nominal, ()
+    columns = (*log.columns[:2], "beta", *log.columns[2:])
+    if nominal is None or nominal.actuator is None:
+        return replace(seen, log=replace(log, columns=columns, beta=log.beta_cmd)), nominal, (
+            f"{log.path}: no column beta: the command is the input, and its delay and lag are fitted",)
+    made = replace(log, columns=columns, beta=predicted(log, nominal), beta_noise=UNSEEN)
+    blind = replace(nominal, sensors=replace(nominal.sensors, beta_std=UNSEEN, beta_step=0.0))
+    return replace(seen, log=made), blind, (
+        f"{log.path}: no column beta: the nozzle is predicted from beta_cmd by [actuator] of "
+        f"{nominal.path or nominal.name}",)
+
+
+def measured_alone(log: Log) -> Log:
+    """Return the log without a nozzle that is only predicted: what a test of the servo may use."""
+    return replace(log, beta=np.full(len(log.t), math.nan)) if log.beta_noise > 0.0 else log
+
+
+def predicted(log: Log, nominal: Nominal) -> np.ndarray:
+    """Return the nozzle (n,) [rad] that the servo of the nominal makes of the logged commands; NaN where none is known.
+
+    By the servo's frequency response on an even grid, the commands held from row to row.
+    """
+    actuator, rows = nominal.actuator, np.isfinite(log.t) & np.isfinite(log.beta_cmd)
+    assert actuator is not None
+    order = np.argsort(log.t[rows], kind="stable")
+    at, command, period = log.t[rows][order], log.beta_cmd[rows][order], log.period
+    t = np.arange(at[0], at[-1] + period, period)
+    u = command[np.clip(np.searchsorted(at, t + 0.5 * period, side="right") - 1, 0, None)]
+    s = 2j * math.pi * np.fft.rfftfreq(2 * len(t), period)
+    response = np.exp(-s * (actuator.delay + 0.5 * period))
+    if actuator.time_constant > 0.0:
+        response = response / (1.0 + s * actuator.time_constant)
+    else:
+        w, zeta = actuator.natural_frequency, actuator.damping_ratio
+        response = response / (1.0 + 2.0 * zeta * s / w + (s / w) ** 2)
+    moved = u[0] + np.fft.irfft(np.fft.rfft(u - u[0], 2 * len(t)) * response, 2 * len(t))[:len(t)]
+    return np.where(rows, np.interp(log.t, t, moved), math.nan)

@@ -1,0 +1,438 @@
+"""Find the phases of a flight in its log: where beta moves the vehicle, where it does not, where the pad holds it.
+
+The rate's changes over hops of HOP are regressed, in every stretch of the log, on a constant, the attitude and beta now
+and up to LAGS times LAG before (which holds a servo's delay and lag).  Three equations compete in each stretch:
+
+    beta moves the vehicle    rate change = c + a theta + sum of k_j beta_j + noise
+    it does not               rate change = c + a theta + noise
+    the pad holds it          rate = constant + white noise
+
+Stretches and equations are chosen together, by optimal partitioning (Jackson et al., IEEE Signal Proc. Letters 12,
+2005) with the Bayesian information criterion.  All numbers, the noise too, are each stretch's own, so nothing depends
+on a unit or a vehicle.  Where beta acts best is the reference.
+
+A stretch is another phase only if the log decides so, at SIGMAS: against an effect of beta of ACTING of that in the
+reference, and rather for none than for WEAKEST, which would be a loss of control.  The constant, theta's and the rate's
+coefficients beside it are those of the reference, but for shares of what beta does there: a loop that goes on
+commanding moves beta as a sum of these, which would else hide that beta does nothing.  Noise of the nozzle's sensor is
+taken off what beta moves.  A pad, which nothing shakes either, lies before the first stretch in which beta acts beyond
+doubt, other phases behind the last: what lies between is one flight.  So a calm stretch is no phase.  Of a servo that
+stands still the vehicle's motion must tell, or that the stretch follows one in which beta did not act.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.nominal import Nominal
+
+from ..sums import combined, inner, least_squares, square
+from .check import CheckedLog, checked
+from .cut import Cut
+from .detect import DataCheck, related
+from .fault import Fault
+from .log import Log
+
+HOP = 0.04           # s, of one change of the rate: short beside any motion, long beside a sample
+LAG, LAGS = 0.03, 4  # s, of beta: 0 to 0.09 s late
+SHORTEST = 20        # hops of a stretch: three times the numbers that are fitted in it
+EDGES = 240          # places where a stretch may begin or end: their number's square is the work
+SIGMAS = 5.0         # standard deviations, by which an effect of beta is excluded: odds of two million to one
+ACTING = 0.5          # of beta's effect in the reference, at least where it acts like it
+WEAKEST = 0.2        # of beta's effect in the reference, below which beta does not act
+AWAY = 0.5           # of the range of attitude and rate in flight, by which they leave it
+CALM = 0.25          # of the walk's variance in the reference, that a calmer flight may have
+SHARED = (-0.25, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.48, 0.495)  # of the variance, that neighbouring changes share
+MOST_SHARED = 0.4999  # the same of white noise alone: a half
+SAME_TRIM, SAME_SLOPE, SAME_DAMPING = 0.5, 0.1, 0.05  # of what beta does in the reference, one sigma of what the
+#                      constant, theta and the rate do otherwise elsewhere
+THIRD = 20.0         # variances of white noise that its third difference has
+LEAST_MOVED = 0.5    # of what beta moves beside theta, that its sensor's noise may not be
+FLOOR = 1e-12        # of the variance of the rate's changes: below is rounding
+MOVES, DOES_NOT, HELD = "beta moves the vehicle", "beta does not move it", "the pad holds it"
+STILL = "the servo stands still"
+KINDS = (MOVES, DOES_NOT, HELD)
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A stretch of a log, from `first` to `last` [s of the log's own time], and what it is in words: MOVES, ..."""
+
+    kind: str
+    first: float
+    last: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Hops:
+    """Changes y (n,) of the rate from t (n,) to `end` (n,) [s], and their regressors x (n, 2 + LAGS): 1, theta, beta at
+    each lag, all scaled to their rms; rate, beta (n,) at t, in the unit of y and in rad; noise (n,) of its sensor as a
+    variance of a regressor of beta; size (LAGS,) [rad] of these; reach: hops that they reach back."""
+
+    t: np.ndarray
+    end: np.ndarray
+    y: np.ndarray
+    x: np.ndarray
+    rate: np.ndarray
+    beta: np.ndarray
+    noise: np.ndarray
+    size: np.ndarray
+    reach: int
+
+
+def phases_of(log: Log, data: DataCheck) -> list[Phase]:
+    """Return the phases of a log in order; [] if it has one alone, or too little to tell.
+
+    Parameters
+    ----------
+    log : Log
+        As the data check has mended it.
+    data : DataCheck
+        Its masks: what is at fault is not used.
+    """
+    hops = _hops(log, data)
+    if hops is None:
+        return []
+    sums = _Sums(hops)
+    parts = _partition(sums, len(hops.y))
+    gains = [_gain(sums, first, end) if kind == 0 else -math.inf for first, end, kind in parts]
+    if not gains or not max(gains) > 0.5 * SIGMAS**2:
+        return []
+    reference = int(np.argmax(gains))
+    parts = _refined(sums, parts, reference)
+    labels = _labels(hops, parts, reference)
+    runs = [[*part[:2], label] for part, label in zip(parts, labels, strict=True)]
+    merged = [runs[0]]
+    for run in runs[1:]:
+        if run[2] == merged[-1][2]:
+            merged[-1][1] = run[1]
+        else:
+            merged.append(run)
+    for before, after in itertools.pairwise(merged):
+        before[1] = after[0] = _edge(sums, before, after)
+    if len(merged) == 1:
+        return []
+    last = len(merged) - 1
+    t = log.t[np.isfinite(log.t)]
+    return [Phase(_words(hops, first, end, label), float(hops.t[first + 1] if k > 0 else np.min(t)),
+                  float(hops.end[end - 2] if k < last else np.max(t)))
+            for k, (first, end, label) in enumerate(merged)]
+
+
+def flown_phase(phases: list[Phase]) -> Phase | None:
+    """Return the phase in which beta moves the vehicle, the longest of several; None if a log has one phase alone."""
+    return max((each for each in phases if each.kind == MOVES), key=lambda each: each.last - each.first, default=None)
+
+
+# ---- hops and their likelihoods
+
+
+def _hops(log: Log, data: DataCheck) -> _Hops | None:
+    """Return the log's hops; None if it has too few rows, no attitude, or neither beta nor a command that moves."""
+    t, columns = related(log, data.usable, data.masks)
+    theta, beta = columns.get("theta"), columns.get("beta", columns.get("beta_cmd"))
+    if theta is None or beta is None or not np.ptp(beta) > 0.0:
+        return None
+    period = float(t[1] - t[0])
+    rows = max(1, round(HOP / period))
+    count = len(t) // rows
+    if count < 3 * SHORTEST:
+        return None
+
+    def means(x: np.ndarray) -> np.ndarray:
+        return np.asarray(x[:count * rows].reshape(count, rows).mean(axis=1))
+
+    rate = means(columns["theta_dot"] if "theta_dot" in columns else np.gradient(theta, period))
+    held, lean, apart = means(beta), means(theta), max(1, round(LAG / period))
+    first = -(-(LAGS - 1) * apart // rows)   # hops that the last lag reaches back
+    y, at = np.diff(rate)[first:], 0.5 * (lean[1:] + lean[:-1])[first:]
+    total = np.concatenate([[0.0], np.cumsum(beta)])
+    begin = rows * np.arange(first, count - 1)
+    lags = [(total[begin + 2 * rows - j * apart] - total[begin - j * apart]) / (2 * rows) for j in range(LAGS)]
+    x = np.stack([np.ones(len(y)), at - at.mean(), *(each - beta.mean() for each in lags)], axis=1)
+    size, scale = np.sqrt(np.mean(x**2, axis=0)), float(np.std(y))
+    if not (np.all(size > 0.0) and scale > 0.0 and np.all(np.isfinite(x)) and math.isfinite(scale)):
+        return None
+    third = np.diff(beta, n=3, prepend=np.full(3, beta[0])) if "beta" in columns else np.zeros(len(t))
+    return _Hops(t[begin], t[begin] + 2.0 * rows * period, y / scale, x / size, rate[first:-1] / scale, held[first:-1],
+                 means(third**2)[first:-1] / (2.0 * THIRD * rows), size[2:], first)
+
+
+class _Sums:
+    """Products summed over any stretch of hops, as differences of running sums."""
+
+    def __init__(self, hops: _Hops) -> None:
+        z, r = np.column_stack([hops.x, hops.y]), np.stack([hops.rate - hops.rate.mean()] * 2, axis=1)
+        r[:, 1] **= 2
+        self._products = np.concatenate([np.zeros((1, z.shape[1], z.shape[1])),
+                                         np.cumsum(z[:, :, None] * z[:, None, :], axis=0)])
+        self._rates = np.concatenate([np.zeros((1, 2)), np.cumsum(r, axis=0)])
+
+    def likelihoods(self, first: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Return ln L less half ln n for each number fitted, (m, 3), of the equations of KINDS in hops first to
+        end - 1, each (m,)."""
+        n, p = (end - first).astype(float), self._products[end] - self._products[first]
+        mean, squares = (self._rates[end] - self._rates[first]).T / n
+        left = np.stack([_left(p, 2 + LAGS), _left(p, 2), n * (squares - mean**2)], axis=1)
+        ln_l = -0.5 * n[:, None] * (np.log(2.0 * math.pi * np.maximum(left / n[:, None], FLOOR)) + 1.0)
+        return np.asarray(ln_l - 0.5 * np.log(n)[:, None] * np.array([3.0 + LAGS, 3.0, 2.0]))
+
+
+def _left(p: np.ndarray, count: int) -> np.ndarray:
+    """Return the sum of squares (m,) of y that the first `count` regressors leave, from products p (m, q, q)."""
+    a, b = p[:, :count, :count], p[:, :count, -1]
+    ridge = 1e-10 * np.trace(a, axis1=1, axis2=2)[:, None, None] * np.eye(count)
+    xi = np.linalg.solve(a + ridge, b[:, :, None])[:, :, 0]
+    return np.asarray(p[:, -1, -1] - np.einsum("mk,mk->m", b, xi))
+
+
+def _partition(sums: _Sums, count: int) -> list[tuple[int, int, int]]:
+    """Return the likeliest stretches (first hop, end, place in KINDS) of all hops, in order."""
+    edges = np.unique(np.append(np.arange(0, count, max(1, math.ceil(count / EDGES))), count))
+    best, before, kind = np.full(len(edges), -math.inf), np.zeros(len(edges), int), np.zeros(len(edges), int)
+    best[0] = 0.0
+    for j in range(1, len(edges)):
+        starts = np.flatnonzero((edges[j] - edges[:j] >= SHORTEST) & np.isfinite(best[:j]))
+        if len(starts):
+            total = best[starts, None] - 0.5 * math.log(count) + sums.likelihoods(
+                edges[starts], np.full(len(starts), edges[j]))
+            k = int(np.argmax(total))
+            best[j], before[j], kind[j] = total.flat[k], starts[k // len(KINDS)], k % len(KINDS)
+    parts, j = list[tuple[int, int, int]](), len(edges) - 1
+    while j > 0:
+        parts.append((int(edges[before[j]]), int(edges[j]), int(kind[j])))
+        j = int(before[j])
+    return parts[::-1]
+
+
+def _gain(sums: _Sums, first: int, end: int) -> float:
+    """Return by how many nats beta explains the stretch better than nothing does."""
+    moves, does_not, _ = sums.likelihoods(np.array([first]), np.array([end]))[0]
+    return float(moves - does_not)
+
+
+def _edge(sums: _Sums, before: list[int], after: list[int]) -> int:
+    """Return the likeliest hop at which one stretch (first, end, place in KINDS) ends and the next begins."""
+    low, high = before[0] + SHORTEST, after[1] - SHORTEST
+    reach = max(1, math.ceil((after[1] - before[0]) / EDGES)) + SHORTEST
+    at = np.arange(max(low, before[1] - reach), min(high, before[1] + reach) + 1)
+    if not len(at):
+        return before[1]
+    left = sums.likelihoods(np.full(len(at), before[0]), at)[:, before[2]]
+    right = sums.likelihoods(at, np.full(len(at), after[1]))[:, after[2]]
+    return int(at[np.argmax(left + right)])
+
+
+# ---- which stretches are another phase than the reference
+
+
+def _refined(sums: _Sums, parts: list[tuple[int, int, int]], reference: int) -> list[tuple[int, int, int]]:
+    """Return the stretches with their edges where a change from beta's acting to its not acting is likeliest, seen from
+    the reference: a stretch that begins too soon holds some of both."""
+    edges = [parts[0][0], *(end for _, end, _ in parts)]
+    for k in (*range(reference + 1, len(parts)), *range(reference, 0, -1)):
+        inner, outer = (0, 1) if k > reference else (1, 0)
+        edges[k] = _edge(sums, [edges[k - 1], edges[k], inner], [edges[k], edges[k + 1], outer])
+    return [(edges[k], edges[k + 1], kind) for k, (_, _, kind) in enumerate(parts)]
+
+
+def _labels(hops: _Hops, parts: list[tuple[int, int, int]], reference: int) -> list[int]:
+    """Return for each stretch the place in KINDS of what it is beyond doubt, MOVES where there is doubt."""
+    first, end, _ = parts[reference]
+    effect = np.asarray(least_squares(hops.x[first:end], hops.y[first:end], 1e-9)[2:])
+    known = _share(hops, first, end, effect, None)
+    shares = [_share(hops, begin + (hops.reach + 1 if k > 0 else 0), stop, effect, known)
+              for k, (begin, stop, _) in enumerate(parts)]
+    acting = [k for k, each in enumerate(shares) if k == reference or each.size - SIGMAS * each.std > WEAKEST]
+    steepest = max(abs(shares[k].beside[1]) for k in acting)
+    labels = [0] * len(parts)
+    walk = _walk(hops, first, end)
+    for k in range(acting[0]):   # nothing but a pad comes before the flight
+        if parts[k][2] == 2 and (_first_off([shares[k]]) == 0 or _is_without_walk(hops.y[slice(*parts[k][:2])], walk)):
+            labels[:k + 1] = [2] * (k + 1)
+    behind = range(acting[-1] + 1, len(parts))
+    if not _runs_away(hops, parts[acting[0]][0], parts[acting[-1]][1]):
+        shares = [_share(hops, begin + hops.reach + 1, stop, effect, known, is_trimmed=False)
+                  for begin, stop, _ in parts]
+    last = acting[-1] + 1 + _first_off([shares[k] for k in behind])
+    swinging = [k for k in behind if not np.ptp(hops.beta[slice(*parts[k][:2])]) and shares[k].swings(steepest)]
+    for k in range(min([last, *swinging]), len(parts)):
+        labels[k] = 1
+    return labels
+
+
+def _first_off(shares: list["_Share"]) -> int:
+    """Return from which stretch on, counted outward from the reference, another phase begins; len(shares): none does.
+
+    What stretches that follow one another say adds up.  It must decide against an effect like the reference's (ACTING),
+    and be against a weak one (WEAKEST) too, which would be a loss of control.
+    """
+    best, first, total, weak, begin = 0.5 * SIGMAS**2, len(shares), 0.0, 0.0, 0
+    for k, share in enumerate(shares):
+        if total <= 0.0:
+            total, weak, begin = 0.0, 0.0, k
+        total, weak = total + share.doubt(ACTING), weak + share.doubt(WEAKEST)
+        if total > best and weak > 0.0:
+            best, first = total, begin
+    return first
+
+
+@dataclass(frozen=True)
+class _Share:
+    """Of a stretch: beta's effect as a share `size` of that in the reference, with its deviation `std`; the constant
+    and the coefficients of theta and rate `beside` it, with the deviation `slope_std` of theta's; `moved`, the share of
+    what beta does that is not its sensor's noise; `width`, one sigma of what stands beside in other stretches."""
+
+    size: float
+    std: float
+    beside: tuple[float, float, float]
+    slope_std: float
+    moved: float
+    width: tuple[float, ...]
+
+    def doubt(self, least: float) -> float:
+        """Nats for no effect over one of at least `least`; of one stretch at most as many as decide."""
+        if not (math.isfinite(self.std) and self.moved > LEAST_MOVED):
+            return 0.0
+        of_none, of_least = self.size / self.std, max(least * self.moved - self.size, 0.0) / self.std
+        return float(np.clip(0.5 * (of_least**2 - of_none**2), -0.5 * SIGMAS**2, 0.5 * SIGMAS**2 + 1.0))
+
+    def swings(self, steepest: float) -> bool:
+        """Whether theta is drawn back harder than it acts anywhere where beta acts, as under a parachute."""
+        return self.beside[1] + SIGMAS * self.slope_std < -steepest
+
+
+def _share(hops: _Hops, first: int, end: int, effect: np.ndarray, reference: _Share | None,
+           is_trimmed: bool = True) -> _Share:
+    """Return beta's effect in hops first to end - 1 by least squares under the rate's own noise: a random walk, and a
+    sensor's white noise, which neighbouring changes share.
+
+    Beside beta stand a constant, theta and the rate.  A loop that goes on commanding moves beta as a sum of the latter
+    two: their coefficients are those of the reference, but for a share of what beta does there; the constant too if
+    `is_trimmed`, as that of a vehicle is that nothing controls, which no wind holds in balance.
+    """
+    x, y, act = hops.x[first:end], hops.y[first:end], combined(hops.x[first:end, 2:], effect)
+    turning = hops.rate[first:end] - hops.rate.mean()
+    z = np.column_stack([act, x[:, 0], x[:, 1], turning, y])
+    best, found, noise = -math.inf, z, 0.0
+    for shared in SHARED:
+        white, log_determinant = _whitened(z, shared)
+        left = white[:, -1] - combined(white[:, :-1], least_squares(white[:, :-1], white[:, -1], 1e-9))
+        variance = square(left) / len(y)
+        ln_l = -0.5 * len(y) * math.log(max(variance, FLOOR)) - 0.5 * log_determinant
+        if ln_l > best:
+            best, found, noise = ln_l, white, math.sqrt(max(variance, FLOOR))
+    if reference is not None:
+        prior = np.zeros((3, 5))
+        for k, (believed, width) in enumerate(zip(reference.beside, reference.width, strict=True)):
+            prior[k, 1 + k], prior[k, -1] = noise / width, noise / width * believed
+        found = np.concatenate([found, prior if is_trimmed else prior[1:]])
+    z, y = found[:, :-1], found[:, -1]
+    (size, std), trim, slope, damping = (_coefficient(z, y, k) for k in range(4))
+    unmoved = float(np.mean(hops.noise[first:end])) * square(effect / hops.size)
+    own = act - combined(x[:, :2], least_squares(x[:, :2], act, 1e-9))
+    rms = math.sqrt(square(act) / len(act))
+    beside = ((SAME_TRIM, x[:, 0]), (SAME_SLOPE, x[:, 1]), (SAME_DAMPING, turning))
+    widths = tuple(same * rms / math.sqrt(max(square(each) / len(act), FLOOR)) for same, each in beside)
+    moved = 1.0 - len(act) * unmoved / max(square(own), FLOOR)
+    return _Share(size, std, (trim[0], slope[0], damping[0]), slope[1], moved, widths)
+
+
+def _walk(hops: _Hops, first: int, end: int) -> float:
+    """Return the variance by which the rate wanders in a hop beside what beta explains in a stretch: the part of what
+    is left that neighbours do not share; the lower quartile of its blocks, so that no manoeuvre counts."""
+    x, y = hops.x[first:end], hops.y[first:end]
+    e = y - combined(x, least_squares(x, y, 1e-9))
+    blocks = np.array_split(e, max(1, len(e) // SHORTEST))
+    return float(np.quantile([np.mean(each**2) + 2.0 * np.mean(each[1:] * each[:-1]) for each in blocks], 0.25))
+
+
+def _runs_away(hops: _Hops, first: int, end: int) -> bool:
+    """Whether attitude or rate leave, behind a stretch, their range in it: nothing controls the vehicle."""
+    for x in (hops.x[:, 1], hops.rate):
+        low, high = float(np.min(x[first:end])), float(np.max(x[first:end]))
+        if np.any(x[end:] < low - AWAY * (high - low)) or np.any(x[end:] > high + AWAY * (high - low)):
+            return True
+    return False
+
+
+def _whitened(z: np.ndarray, shared: float) -> tuple[np.ndarray, float]:
+    """Return (z (n, k) with its rows made independent, ln of the determinant) for noise of variance 1 of which each row
+    shares -`shared` with the next: the factors of a tridiagonal matrix."""
+    if shared == 0.0:
+        return z, 0.0
+    out, root, before, log_determinant = np.empty_like(z), np.empty(len(z)), 1.0, 0.0
+    for k in range(len(z)):
+        now = 1.0 - (shared**2 / before if k > 0 else 0.0)
+        out[k] = z[k] + (shared / before * out[k - 1] if k > 0 else 0.0)
+        root[k], before = math.sqrt(now), now
+        log_determinant += math.log(now)
+    return out / root[:, None], log_determinant
+
+
+def _coefficient(x: np.ndarray, y: np.ndarray, j: int) -> tuple[float, float]:
+    """Return (coefficient, standard deviation) of column j of x (n, q) in y (n,); (0, inf) if it tells nothing."""
+    others = np.delete(x, j, axis=1)
+    own = x[:, j] - combined(others, least_squares(others, x[:, j], 1e-9))
+    rest = y - combined(others, least_squares(others, y, 1e-9))
+    power = square(own)
+    if not power > FLOOR * max(square(x[:, j]), FLOOR):
+        return 0.0, math.inf
+    size = inner(own, rest) / power
+    return size, math.sqrt(square(rest - size * own) / max(len(y) - x.shape[1], 1) / power)
+
+
+def _is_without_walk(y: np.ndarray, walk: float) -> bool:
+    """Whether changes y (n,) of the rate are a sensor's white noise alone, without a walk of at least CALM times the
+    variance `walk`, that of the reference: what shakes a vehicle in flight is missing on the pad."""
+    if not walk > 0.0:
+        return False
+    y, n = y[:, None], len(y)
+    white, log_determinant = _whitened(y, MOST_SHARED)
+    at_rest = -0.5 * n * (math.log(max(square(white[:, 0]) / n, FLOOR)) + 1.0) - 0.5 * log_determinant
+    flying = -math.inf
+    for shared in SHARED:
+        white, log_determinant = _whitened(y, shared)
+        variance = max(CALM * walk / (1.0 - 2.0 * shared), square(white[:, 0]) / n)
+        flying = max(flying, -0.5 * (square(white[:, 0]) / variance + n * math.log(variance) + log_determinant))
+    return at_rest - flying > 0.5 * SIGMAS**2
+
+
+def _words(hops: _Hops, first: int, end: int, label: int) -> str:
+    """Return what a phase is, in words."""
+    return STILL if label == 1 and not np.ptp(hops.beta[first:end]) else KINDS[label]
+
+
+# ---- the log of the flown phase
+
+
+def checked_flight(log: Log, nominal: Nominal | None = None, *, strict: bool = False,
+                   refuse_columns: bool = False) -> CheckedLog:
+    """Check a log as `check.checked`, cut to the phase in which beta moves the vehicle; a log whose rows a user chose,
+    or that has one phase alone, stays whole.  A note says which phases there are and which is used."""
+    seen = checked(log, nominal)
+    phases = [] if log.is_chosen else phases_of(seen.log, seen.data)
+    phase = flown_phase(phases)
+    if phase is None:
+        return checked(log, nominal, strict=strict, refuse_columns=refuse_columns) if strict or refuse_columns else seen
+    part = checked(Cut(phase.first, phase.last, True).of(log), nominal, strict=strict, refuse_columns=refuse_columns)
+    said = Fault("phases", None, phase.first, phase.last, 0, f"{words_of(phases)}; used: {phase.first:.6g} to "
+                                                             f"{phase.last:.6g} s (all rows: --from start)")
+    return replace(part, mended=(said, *part.mended))
+
+
+def words_of(phases: list[Phase]) -> str:
+    """Return phases in one line: `the pad holds it to 3 s, beta moves the vehicle to 7.48 s, ...`."""
+    return ", ".join(f"{each.kind} from {each.first:.6g} to {each.last:.6g} s" for each in phases)
+
+
+def phase_note(raw: Log, log: Log, data: DataCheck) -> tuple[str, ...]:
+    """Return one line that says a log's phases and how to use the flown one alone; () of one phase, or rows that a user
+    chose.  raw, log, data: the log as it was read, as it was mended, its data check."""
+    phases = [] if raw.is_chosen else phases_of(log, data)
+    phase = flown_phase(phases)
+    if phase is None:
+        return ()
+    return (f"{raw.path}: {words_of(phases)}: --from {phase.first:.6g} --to {phase.last:.6g} uses the flight alone",)
