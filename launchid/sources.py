@@ -49,6 +49,7 @@ class WithLog(Protocol):
 
 
 LogSource = Union[str, "os.PathLike[str]", Mapping[str, npt.ArrayLike], Frame, Log, WithLog]
+LogSources = LogSource | Sequence[LogSource]
 NominalSource = Union[str, "os.PathLike[str]", Nominal]
 Made = TypeVar("Made", bound="Answer")
 Asked = ParamSpec("Asked")
@@ -86,6 +87,22 @@ def _read(source: LogSource, required: tuple[str, ...]) -> Log:
     if isinstance(source, WithLog) and isinstance(source.log, Log):
         return source.log
     return log_of(source, required=required)
+
+
+def is_several(source: Any) -> bool:
+    """Whether a source is a list of logs, one a flight."""
+    return isinstance(source, (list, tuple)) and bool(source) and all(
+        isinstance(each, (str, os.PathLike, Mapping, Log)) or isinstance(each, Frame) or
+        isinstance(getattr(each, "log", None), Log) for each in source)
+
+
+def several_logs(source: Any, required: tuple[str, ...] = DRIVEN) -> list[Log]:
+    """Return the logs of a list, each read once; InputError if one is given twice."""
+    read = [read_log(log, required) for log in source]
+    for k, log in enumerate(read):
+        if again := next((one for one in read[:k] if log.is_same(one)), None):
+            raise InputError(f"{log.path}: the same flight as {again.path}; expected each once")
+    return read
 
 
 def each_of(logs: Sequence[LogSource]) -> list[LogSource]:

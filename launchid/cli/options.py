@@ -2,6 +2,7 @@
 
 import argparse
 import inspect
+import os
 import re
 from collections.abc import Callable
 from typing import Any, NoReturn
@@ -76,6 +77,43 @@ def nominal_of(args: argparse.Namespace) -> str | None:
     if given is None and args.nominal_required:
         raise UsageError(f"{args.command}: no nominal; expected {args.command} LOG NOMINAL.toml")
     return given
+
+
+def add_logs(sub: argparse.ArgumentParser, help: str, nominal_help: str, required: bool = False,
+             most: int | None = 1) -> None:
+    """Add LOG [LOG ...] [NOMINAL] as one list of words, and --nominal; `logs_of` tells them apart.
+
+    required  a nominal must be there;  most  nominals, None: any number
+    """
+    nominals = "NOMINAL.toml" if most == 1 else "NOMINAL.toml ..."
+    sub.add_argument("words", nargs="+", metavar="LOG.csv",
+                     help=f"{help}; of several flights of one vehicle, each; then {nominals}: {nominal_help}")
+    sub.add_argument("--nominal", metavar="NOMINAL.toml", dest="nominal_option",
+                     help="give the nominal as an option (default: none)")
+    sub.set_defaults(nominal_required=required, most_nominals=most)
+
+
+def is_nominal(word: str) -> bool:
+    """Whether a word of the command is a nominal: a TOML file, or the name of a built-in one."""
+    from sim.nominal import BUILT_IN, STAND_NOMINALS
+    return word.endswith(".toml") or (word in BUILT_IN + STAND_NOMINALS and not os.path.exists(word))
+
+
+def logs_of(args: argparse.Namespace) -> tuple[list[str], list[str]]:
+    """Return (logs, nominals) among the words of a command; UsageError for no log, too many nominals, or none where one
+    is required."""
+    words, nominals = list(args.words), list[str]()
+    while len(words) > 1 and is_nominal(words[-1]):
+        nominals.insert(0, words.pop())
+    if args.nominal_option:
+        nominals.append(args.nominal_option)
+    if args.most_nominals is not None and len(nominals) > args.most_nominals:
+        raise UsageError(f"{' and '.join(nominals)}: expected one nominal")
+    if args.nominal_required and not nominals:
+        if len(words) > 1 and not os.path.exists(words[-1]):
+            return words[:-1], words[-1:]   # a name that is none: who reads it says which is near
+        raise UsageError(f"{args.command}: no nominal; expected {args.command} LOG [LOG ...] NOMINAL.toml")
+    return words, nominals
 
 
 def add_map(sub: argparse.ArgumentParser) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from sim.errors import UsageError
 
+from .. import progress
 from ..argument_checks import DEFAULT_WINDOW, real
 from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import (
@@ -16,13 +17,13 @@ from ..cli.options import (
     NOMINAL_HELP,
     add_choices,
     add_command,
+    add_logs,
     add_map,
-    add_nominal,
     add_outputs,
     add_report,
     add_strict,
     given,
-    nominal_of,
+    logs_of,
 )
 from ..results.answer import Answer, flat
 
@@ -31,9 +32,10 @@ if TYPE_CHECKING:
     from sim.nominal import Nominal
     from sim.result import Columns, Figure
 
+    from ..flights.result import JointAnswer
     from ..log.log import Log
     from ..results.control_systems import ControlPlant
-    from ..sources import LogSource, NominalSource
+    from ..sources import LogSource, LogSources, NominalSource
     from ..weakform.judge import Late
     from .margins import FlightMargins
 
@@ -42,8 +44,7 @@ def add(commands: Any) -> None:
     """Add `launchid identify` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "identify", "estimate a6, k1 and the active terms of a log, window by window",
                       "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png", identify)
-    sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
-    add_nominal(sub, f"identify with {NOMINAL_HELP} (default: none, the log alone)")
+    add_logs(sub, LOG_HELP, f"identify with {NOMINAL_HELP} (default: none, the log alone)")
     sub.add_argument("--window", metavar="S|all",
                      help="set the length of a window [s], or all: one window, the whole log (default %(default)s)")
     add_choices(sub, "theta,beta,1 without a nominal, else rigid-body")
@@ -62,27 +63,30 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid identify` with its parsed arguments: print the windows, and write what options ask for."""
-    log = read_noting(args.log, **reading(args))
-    source = nominal_of(args)
-    nominal = read_nominal(source) if source else None
+    names, nominals = logs_of(args)
+    if args.resid and len(names) > 1:
+        raise UsageError(f"--resid {args.resid}: draws the residuals of one log; found {len(names)}")
+    logs = [read_noting(name, **reading(args)) for name in names]
+    nominal = read_nominal(nominals[0]) if nominals else None
     check_outputs(args.json, plots=(args.plot, args.resid), folder=args.report)
-    result = identify(log, nominal, **given(identify, args))
+    result = identify(logs if len(logs) > 1 else logs[0], nominal, **given(identify, args))
     if args.report:
         result.write_report(args.report)
-    if args.resid:
+    if args.resid and isinstance(result, Identification):
         result.residuals(args.resid)
     tell(result, args.json, args.plot)
 
 
-def identify(log: LogSource, nominal: NominalSource | None = None, *, window: float | str = DEFAULT_WINDOW,
+def identify(log: LogSources, nominal: NominalSource | None = None, *, window: float | str = DEFAULT_WINDOW,
              tracked: bool = False, library: str | None = None, formulation: str | None = None, solver: str = "stls",
              threshold: float | None = None, compression: int = 1, seed: int = 0, noise: str = "estimated",
-             strict: bool = False) -> Identification:
-    """Estimate a6, k1 and the active terms of a log, window by window.
+             strict: bool = False) -> Identification | JointAnswer:
+    """Estimate a6, k1 and the active terms of a log, window by window; of several flights, the joint a6 and k1 too.
 
     Parameters
     ----------
-    log : path, data frame, mapping of arrays, Log
+    log : path, data frame, mapping of arrays, Log; or a list of these
+        A list: flights of one vehicle, each with its own weather, offsets and start.
     nominal : path, name of a built-in one, or Nominal, optional
         What the simulation believes; None: the log alone.
     window : float or "all"
@@ -109,14 +113,25 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
     Returns
     -------
     Identification
+        Of a list of logs a JointAnswer, which holds that of each.
     """
     from ..identification.windows import identified, is_weak, log_config, refuse_too_long, report_of, servo_note
     from ..log.check import profile_note
     from ..log.commanded import with_nozzle
     from ..log.phases import checked_flight
+    from ..results.headline import of_identified, shown_path
     from ..robustness import level
-    from ..sources import load_nominal, read_log
-    log, nominal = read_log(log), None if nominal is None else load_nominal(nominal)
+    from ..sources import is_several, load_nominal, read_log, several_logs
+    nominal = None if nominal is None else load_nominal(nominal)
+    if is_several(log):
+        from ..flights.result import joined
+        asked: dict[str, Any] = {
+            "window": window, "tracked": tracked, "library": library, "formulation": formulation, "solver": solver,
+            "threshold": threshold, "compression": compression, "seed": seed, "noise": noise, "strict": strict}
+        found = [cast("Identification", identify(each, nominal, **asked))
+                 for each in progress.each(several_logs(log), "logs identified")]
+        return joined(found, nominal) if len(found) > 1 else found[0]
+    log = read_log(cast("LogSource", log))
     choices = {"solver": solver, "threshold": threshold, "compression": compression, "seed": seed, "noise": noise}
     window = window if isinstance(window, str) else real("--window", window, "seconds or 'all'")
     seen = checked_flight(log, nominal, strict=strict)
@@ -140,9 +155,12 @@ def identify(log: LogSource, nominal: NominalSource | None = None, *, window: fl
     if result.is_held:
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
     fitted = result.judged.fitted if weak else result.estimates
-    return Identification(log, nominal, result.config, result.judged.estimates, fitted, report_of(result, tracked),
-                          library, result.estimator.changes() if config.formulation == "filtered" else (), said, weak,
-                          result.judged.late)
+    report = report_of(result, tracked)
+    report |= of_identified(report, log.path, None if nominal is None else shown_path(nominal.path or nominal.name),
+                            nominal is not None and nominal.controller is not None)
+    changes = result.estimator.changes() if config.formulation == "filtered" else ()
+    return Identification(log, nominal, result.config, result.judged.estimates, fitted, report, library, changes, said,
+                          weak, result.judged.late)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,11 +185,14 @@ class Identification(Answer):
 
     def summary(self) -> str:
         from ..identification.windows import table
+        from ..results.headline import closing
         c = self.config
         how = "weak" if self.is_weak else c.formulation
         head = (f"{self.log.path}: formulation {how}, library {self.library}, solver {c.solver}, window "
                 f"{c.window:g} s, period {c.sample_period:g} s, {c.kept_rows} of {c.rows} rows a window")
-        return "\n".join([head, table(self.report) if self.estimates else self.log.too_short(c.window)])
+        shown = {name: value for name, value in self.report.items() if name not in ("why", "next")}
+        return "\n".join([head, table(shown) if self.estimates else self.log.too_short(c.window),
+                          *closing(self.report)])
 
     def columns(self) -> Columns:
         return flat(self.report["windows"])

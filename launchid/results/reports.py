@@ -11,6 +11,7 @@ from ..charts.page import table, text
 from ..charts.report import Picture, paragraphs, write_report
 from ..robustness.flight_margins import MARGIN_NAMES, closing_lines, gain_lines, heads, margin_words
 from ..shown import with_std
+from .headline import closing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,10 +51,10 @@ def identify_report(found: "Identification", folder: str | Path) -> None:
     rows = [[f"{window['t_start']:g} .. {window['t_end']:g}", text(window["status"]), *_coefficients(window),
              *(_coefficients(window.get("tracked", {})) if is_tracked else ()), text(", ".join(window["terms"])),
              *(_number(window["fit"][name]) for name in ("r2_held_out", "whiteness"))] for window in windows]
-    valid = sum(window["valid"] for window in windows)
-    lines = [line for line in found.summary().splitlines()[1:] if not line[:1].isspace()] + list(found.warnings)
-    first = f"<p>{valid} of {len(windows)} windows are valid.</p>" + paragraphs(lines) + table(
-        head, rows, [False] * len(rows))
+    valid, last = sum(window["valid"] for window in windows), closing(found.report)
+    lines = [line for line in found.summary().splitlines()[1:] if not line[:1].isspace() and line not in last]
+    first = f"<p><b>{text(found.report['headline'])}</b></p><p>{valid} of {len(windows)} windows are valid.</p>" \
+        + paragraphs([*last[1:], *lines, *found.warnings]) + table(head, rows, [False] * len(rows))
     pictures = {
         "identify.png": Picture("Estimates over the flight",
             "Dots: windows, with 95 % intervals; line and band: tracked; dashed: the nominal. Hatched: windows "

@@ -1,0 +1,1 @@
+"""Several flights of one vehicle in one answer: the joint numbers, are they of one, their scatter."""

@@ -1,0 +1,87 @@
+"""What an engineer would say of a result in one sentence, and the command to run next."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..shown import with_std
+
+SIGMAS = 3.0     # standard deviations, by which a number is another than the nominal's or than before
+SPREAD = 2.0     # of the windows' chi square over its degrees of freedom, from which their mean is no summary
+UNIT = "1/s^2"
+
+
+def closing(report: dict[str, Any]) -> list[str]:
+    """Return the last lines of a command's text: its headline, and the command to run next."""
+    said = [report["headline"]] if report.get("headline") else []
+    return said + ([f"Next: {report['next']}"] if report.get("next") else [])
+
+
+def changed(changes: Sequence[dict[str, Any]]) -> str:
+    """Return the largest sudden change in a sentence; "" if there is none."""
+    if not changes:
+        return ""
+    most = max(changes, key=lambda each: abs(each["size"]) / max(each["size_std"], 1e-300))
+    before, after, std = most["before"], most["after"], most["size_std"]
+    if not before or before * after < 0.0:
+        size = f"{most['parameter']} goes from {with_std(before, std)} to {with_std(after, std)} {UNIT}"
+    else:
+        share, word = 100.0 * abs(after / before - 1.0), "lower" if abs(after) < abs(before) else "higher"
+        size = f"{most['parameter']} is {with_std(share, 100.0 * std / abs(before))} % {word}"
+    more = f" ({len(changes)} sudden changes in all)" if len(changes) > 1 else ""
+    return f"From {most['t']:.1f} s on {size}{more}"
+
+
+def over_windows(windows: Sequence[dict[str, Any]], name: str) -> str:
+    """Return a parameter over its valid windows: one value where they agree, else the first and the last; "" if no
+    window has it."""
+    rows = [(w[name], w[f"{name}_std"]) for w in windows
+            if w["valid"] and w[name] is not None and w[f"{name}_std"] is not None and w[f"{name}_std"] > 0.0]
+    if not rows:
+        return ""
+    value, std = np.array(rows).T
+    weight = 1.0 / std**2
+    mean = float(np.sum(weight * value) / np.sum(weight))
+    if len(rows) > 1 and float(np.sum(weight * (value - mean)**2)) > SPREAD * (len(rows) - 1) + SIGMAS:
+        return f"{name} goes from {with_std(*rows[0])} to {with_std(*rows[-1])} {UNIT}"
+    return f"{name} {with_std(mean, 1.0 / math.sqrt(float(np.sum(weight))))} {UNIT}"
+
+
+def of_identified(report: dict[str, Any], log: str, nominal: str | None, has_controller: bool) -> dict[str, str]:
+    """Return {"headline", "next"} of the identify JSON; what the answer lacks comes first.
+
+    nominal  path or name;  has_controller  whether margins can be asked for
+    """
+    windows = report["windows"]
+    valid = sum(window["valid"] for window in windows)
+    if not valid:
+        head = report.get("why", f"no window of {log} is complete")
+        follow = f"launchid show {log}" if nominal is None else f"launchid diagnose {log} {nominal} --report report"
+        return {"headline": f"{head[:1].upper()}{head[1:]}.", "next": report.get("next", follow)}
+    span = [window for window in windows if window["valid"]]
+    numbers = " and ".join(filter(None, (over_windows(windows, name) for name in ("a6", "k1"))))
+    change = changed(report.get("changes", []))
+    if change:
+        head = f"{change}."
+    elif numbers:
+        head = f"{numbers[:1].upper() if numbers[:1] != 'a' else 'a'}{numbers[1:]}, {span[0]['t_start']:.4g} to " \
+               f"{span[-1]['t_end']:.4g} s ({valid} of {len(windows)} windows)."
+    else:
+        head = f"{valid} of {len(windows)} windows are valid; their terms are {', '.join(span[0]['terms'])}."
+    if nominal is None:
+        follow = f"launchid nominal {log} --out first.toml"
+    elif change:
+        follow = f"launchid diagnose {log} {nominal} --report report"
+    else:
+        follow = f"launchid {'margins' if has_controller else 'compare'} {log} {nominal}"
+    return {"headline": head, "next": report.get("next", follow)}
+
+
+def shown_path(path: str) -> str:
+    """Return a path as a command would name it: that of a built-in nominal by its name."""
+    from sim.nominal import BUILT_IN, STAND_NOMINALS, built_in
+    name = Path(path).stem
+    return name if name in BUILT_IN + STAND_NOMINALS and Path(path) == built_in(name) else path
