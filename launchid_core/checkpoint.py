@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from .config import Config
-from .filter.filtered import BLOCK_ROWS
-from .gate.guard import CARRIED, GROUP
+from .gate.guard import GROUP
 from .order.memory import Memory
 from .order.table import FILTERED
 from .version import VERSION
@@ -30,7 +29,7 @@ HEADER = struct.Struct("<8sHH16s16sQ")
 END = struct.Struct("<I")
 DIGEST = 8      # bytes of a choice's digest: two that differ are taken for equal once in 2^64
 WORD = 8        # bytes
-GUARD_PATH = "state.guard"
+CARRIED = "state.guard.carried"
 
 
 def _choices(value: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -48,17 +47,17 @@ def _digests(config: Config) -> dict[str, bytes]:
             for name, words in _choices(config)}
 
 
-def _layout(arrays: list[np.ndarray]) -> bytes:
-    """A digest of types and shapes: what the words mean to this version of the package."""
-    words = repr([(array.dtype.str, array.shape) for array in arrays])
+def _layout(arrays: list[tuple[str, np.ndarray]]) -> bytes:
+    """A digest of names, types and shapes: what the words mean to this version of the package."""
+    words = repr([(name, array.dtype.str, array.shape) for name, array in arrays])
     return hashlib.blake2b(words.encode(), digest_size=16).digest()
 
 
 def preface(config: Config, memory: Memory) -> bytes:
     """Header and choices: the same bytes in every saved state of this configuration, whatever the language."""
-    arrays = [array for _, array in memory.state_arrays()]
+    arrays = memory.state_arrays()
     digests = b"".join(_digests(config).values())
-    size = sum(array.size for array in arrays)
+    size = sum(array.size for _, array in arrays)
     return HEADER.pack(MAGIC, CHECKPOINT_FORMAT, len(digests) // DIGEST, VERSION.encode(), _layout(arrays),
                        size) + digests
 
@@ -66,8 +65,8 @@ def preface(config: Config, memory: Memory) -> bytes:
 def save(config: Config, memory: Memory) -> bytes:
     """Return the state of an estimator with this configuration as bytes."""
     arrays = dict(memory.state_arrays())
-    arrays[GUARD_PATH] = arrays[GUARD_PATH] ^ [0, seal_of(memory)]  # what the seal is off, 0 but in damaged memory: the
-    # seal itself depends on the extents of records
+    # what the seal is off, 0 but in damaged memory: the seal itself depends on the extents of records
+    arrays[CARRIED] = arrays[CARRIED] ^ seal_of(memory)
     words = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays.values())
     whole = preface(config, memory) + words
     return whole + END.pack(zlib.crc32(whole))
@@ -75,14 +74,14 @@ def save(config: Config, memory: Memory) -> bytes:
 
 def restore(config: Config, memory: Memory, saved: bytes) -> None:
     """Overwrite the state with what `save` gave for the same configuration; ValueError says what is wrong with it."""
-    saved, arrays = bytes(saved), [array for _, array in memory.state_arrays()]
+    saved, arrays = bytes(saved), memory.state_arrays()
     at = _check(config, arrays, saved)
     memory.words[:] = 0  # a flipped bit beyond the extents in use, too
-    for array in arrays:
+    for _, array in arrays:
         kind = array.dtype.newbyteorder("<")
         array[...] = np.frombuffer(saved, kind, array.size, at).reshape(array.shape)
         at += WORD * array.size
-    memory.parts.state.guard[CARRIED] ^= seal_of(memory)
+    memory.parts.state.guard.carried ^= seal_of(memory)
 
 
 def seal_of(memory: Memory) -> np.int64:
@@ -90,7 +89,7 @@ def seal_of(memory: Memory) -> np.int64:
     seal = _folded(memory.words)
     if memory.struct is FILTERED:
         inner = np.uint64(0)
-        for row in memory.apart["rows"][:, :max(memory.parts.state.acc.counts[BLOCK_ROWS], 0)]:
+        for row in memory.apart["rows"][:, :max(memory.parts.state.acc.counts.rows, 0)]:
             inner = _mixed(inner) ^ _folded(row)
         seal = _mixed(seal) ^ inner
     return seal.view(np.int64)
@@ -113,7 +112,7 @@ def _mixed(seal: np.uint64) -> np.uint64:
     return seal ^ (seal << np.uint64(17))
 
 
-def _check(config: Config, arrays: list[np.ndarray], saved: bytes) -> int:
+def _check(config: Config, arrays: list[tuple[str, np.ndarray]], saved: bytes) -> int:
     """The byte at which the words begin; ValueError for anything that `save` did not give for this configuration."""
     if len(saved) < HEADER.size or not saved.startswith(MAGIC):
         raise ValueError(f"saved state: {len(saved)} bytes that do not begin as a saved estimator does")

@@ -10,22 +10,19 @@ import numpy as np
 from . import checkpoint
 from .config import Config
 from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty
-from .filter.states import A6, LEVEL_CLAMPS, OUTLIERS, RESTARTS, WITHDRAWN_CHANGES
+from .filter.states import A6
 from .gate import ring as rb
 from .model import OFFSETS, SERVO, Model
 from .order.entries import calls_of, loop_of, table_of
 from .order.memory import allocate
 from .sample import NAN, Sample
 from .status import EstimateStatus, Status
-from .watch import report as rp
 from .watch import uncertainty as un
 
 _STATUSES = tuple(Status(code) for code in (*range(Status.RECOVERED + 1), *range(Status.BUSY, 0)))  # from the end: < 0
 _ESTIMATE_STATUSES = {int(status): status for status in EstimateStatus}
 _OK, _NUMERICS = EstimateStatus.OK, EstimateStatus.NUMERICS
 _RECOVERED = rb.RECOVERED
-_NOTES = {"OUTLIER": OUTLIERS, "RESTART": RESTARTS, "LEVEL_CLAMP": LEVEL_CLAMPS,
-          "CHANGE_WITHDRAWN": WITHDRAWN_CHANGES}
 
 
 class Estimator:
@@ -91,7 +88,7 @@ class Estimator:
         TypeError for what is no sample.
         """
         if self._busy:
-            self._parts.state.counts[rb.COUNT_FIRST] += 1  # Status.BUSY is the first counter
+            self._parts.state.counts.answers[0] += 1  # Status.BUSY is the first counter
             return Status.BUSY
         self._busy = True
         try:
@@ -126,7 +123,7 @@ class Estimator:
 
     def _begin_anew(self, sample: Sample) -> Status:
         """Memory was damaged: forget all but the counters of answers, and take the sample as the first of all."""
-        counted = self._parts.state.counts[rb.COUNT_FIRST:]
+        counted = self._parts.state.counts.answers
         before = counted.copy()
         self._calls.restart()
         self._step(*sample)
@@ -144,25 +141,24 @@ class Estimator:
     def estimate(self) -> Estimate | None:
         """The estimate of the last window that closed; None before the first."""
         state, report = self._parts.state, self._report()
-        if state.counts.item(rb.ESTIMATES) == 0:
+        if state.counts.estimates == 0:
             return None
         outcome = state.outcome
-        (a6, k1, a6_std, k1_std, correlation, a6_dot, k1_dot, a6_bound, k1_bound, condition,
-         whiteness) = outcome.number.tolist()
-        code, rows, gaps = outcome.flag.tolist()
-        status = _ESTIMATE_STATUSES.get(code, _NUMERICS)
+        status = _ESTIMATE_STATUSES.get(int(outcome.status), _NUMERICS)
         xi, support = outcome.xi.copy(), outcome.support.astype(bool)
         xi.setflags(write=False)
         support.setflags(write=False)
-        t_start = state.clock.item(rb.T_CLOSED)
+        t_start = float(state.clock.closed)
         model, more = self.config.model, dict[str, Any](offsets=MappingProxyType({}))
         if report is not None and model is not None:
-            more = {"tracked": Tracked(bool(report.flag[rp.IS_TRACKED]), *_numbers(report.tracked)),
+            more = {"tracked": Tracked(bool(report.is_tracked), *_numbers(np.array(report.tracked))),
                     "uncertainty": _uncertainty(report) if self._memory.size.ranged else None,
                     **_air(report, model), **_actuator(report, model)}
         return Estimate(
-            t_start, t_start + self.config.window, status == _OK, status, a6, k1, a6_std, k1_std, correlation, a6_dot,
-            k1_dot, a6_bound, k1_bound, condition, xi, support, self._terms, rows, gaps, whiteness=whiteness,
+            t_start, t_start + self.config.window, status == _OK, status, float(outcome.a6), float(outcome.k1),
+            float(outcome.a6_std), float(outcome.k1_std), float(outcome.correlation), float(outcome.a6_dot),
+            float(outcome.k1_dot), float(outcome.a6_bound), float(outcome.k1_bound), float(outcome.condition), xi,
+            support, self._terms, int(outcome.used), int(outcome.gaps), whiteness=float(outcome.whiteness),
             absent=_named(self._terms, outcome.absent), terms_std=_named(self._terms, outcome.std), **more)
 
     def changes(self) -> tuple[Change, ...]:
@@ -170,13 +166,10 @@ class Estimator:
         report = self._report()
         if report is None:
             return ()
-        changes = []
-        for k in range(int(report.flag[rp.CHANGES])):
-            t, t_std, before, after, size, size_std, alarm = report.change[k].tolist()
-            parameter, final = report.changed[k].tolist()
-            changes.append(Change(t, t_std, "a6" if parameter == A6 else "k1", before, after, size, size_std, alarm,
-                                  bool(final)))
-        return tuple(changes)
+        of = report.change
+        return tuple(Change(of.time.item(k), of.time_std.item(k), "a6" if of.parameter[k] == A6 else "k1",
+                            of.before.item(k), of.after.item(k), of.size.item(k), of.size_std.item(k),
+                            of.alarm.item(k), bool(of.final[k])) for k in range(int(report.changes)))
 
     @property
     def noise_levels(self) -> dict[str, float]:
@@ -197,10 +190,12 @@ class Estimator:
         CHANGE_WITHDRAWN, sudden changes that a contradiction of the model followed.
         """
         state = self._parts.state
-        counts = {status.name: int(state.counts[rb.COUNT_FIRST + status - Status.BUSY]) for status in Status}
-        counts |= {"STUCK": int(state.counts[rb.STUCK_ROWS]), "WRAP": int(state.counts[rb.WRAPS])}
+        counts = {status.name: int(state.counts.answers[status - Status.BUSY]) for status in Status}
+        counts |= {"STUCK": int(state.counts.stuck), "WRAP": int(state.counts.wraps)}
         if self._calls.report is not None:
-            counts |= {name: int(state.filter.note[place]) for name, place in _NOTES.items()}
+            note = state.filter.note
+            counts |= {"OUTLIER": int(note.outliers), "RESTART": int(note.restarts),
+                       "LEVEL_CLAMP": int(note.level_clamps), "CHANGE_WITHDRAWN": int(note.withdrawn_changes)}
         return counts
 
     @property
@@ -246,8 +241,8 @@ def _uncertainty(report: Any) -> Uncertainty:
     """The uncertainty level out of a report."""
     levels = []
     for p in range(2):
-        delta, delta_std, since, *probability = _numbers(report.level[p])
-        band = int(report.band[p]) if report.flag[rp.HAS_LEVEL] else un.NO_BAND
+        delta, delta_std, since = _numbers(np.array((report.delta[p], report.delta_std[p], report.out_since[p])))
+        band = int(report.band[p]) if report.has_level else un.NO_BAND
         levels.append(Level(delta, delta_std, un.BANDS[band] if 0 <= band < len(un.BANDS) else un.UNDECIDED,
-                            tuple(probability), bool(report.raised[p] == 0), since))
-    return Uncertainty(bool(report.flag[rp.HAS_LEVEL]), *levels)
+                            tuple(_numbers(report.probability[p])), bool(report.raised[p] == 0), since))
+    return Uncertainty(bool(report.has_level), *levels)

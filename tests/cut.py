@@ -12,8 +12,6 @@ from unjitted import unjitted
 from launchid_core import Config, Estimator, Sample
 from launchid_core.algebra.compress import first_state
 from launchid_core.filter.filtered import filter_sample
-from launchid_core.gate import guard
-from launchid_core.gate import ring as rb
 from launchid_core.order import onboard
 from launchid_core.order.memory import Memory, allocate, dtype_of, members
 from launchid_core.order.table import FILTERED, Struct, size_of
@@ -55,8 +53,16 @@ def take(cut: Cut, row: np.ndarray) -> None:
 
 
 def scratch(struct: Struct, terms: int) -> Any:
-    """The arrays of a struct of the table, all zero, as much as an estimator of so many terms uses."""
+    """The arrays and numbers of a struct of the table, all zero, as much as an estimator of so many terms uses."""
     return members(struct, np.zeros(1, dtype_of(struct)), size_of(terms))
+
+
+def copied(struct: Struct, given: Any) -> Any:
+    """A copy of a struct's memory."""
+    made = scratch(struct, 2)
+    for to, of in zip(made, given, strict=True):
+        to[...] = of
+    return made
 
 
 def persisting(estimator: Estimator) -> dict[str, np.ndarray]:
@@ -96,7 +102,7 @@ def carried(memory) -> int:
     seal = folded(memory.words)
     if memory.struct is FILTERED:
         inner = 0
-        for row in memory.apart["rows"][:, :memory.parts.state.acc.counts[0]]:
+        for row in memory.apart["rows"][:, :memory.parts.state.acc.counts.rows]:
             inner = mixed(inner) ^ folded(row)
         seal = mixed(seal) ^ inner
     return signed(seal)
@@ -108,5 +114,5 @@ def signed(seal: int) -> int:
 
 def reseal(estimator: Estimator) -> None:
     memory, state = estimator._memory, estimator._memory.parts.state
-    state.guard[guard.CONTROL] = signed(folded(state.clock, state.counts[:rb.COUNT_FIRST]))
-    state.guard[guard.CARRIED] = carried(memory)
+    state.guard.control = signed(folded(*state.clock, *state.counts[:-1]))  # all but the answers
+    state.guard.carried = carried(memory)

@@ -195,8 +195,9 @@ class Expressions:
         kind = self.kinds.of(node)
         if isinstance(kind, Struct):
             return (self.member(node), ATOM) if self._is_placed(node.value) else (f"&{self.member(node)}", UNARY)
+        if not isinstance(kind, Array):  # a number of the struct
+            return self.member(node), ATOM
         pointer, extents = self.array(node)
-        assert isinstance(kind, Array)
         return f"({kind.c}){{{pointer}, {', '.join(extents)}}}", ATOM
 
     def member(self, node: ast.expr) -> str:
@@ -397,6 +398,9 @@ class Expressions:
     def _length(self, node: ast.expr) -> str:
         if isinstance(node, ast.Name) and node.id not in self.kinds.names:
             return literal(len(self.kinds.globals[node.id]))
+        kind = self.kinds.of(node)
+        if isinstance(kind, Several):
+            return literal(len(kind.kinds))
         return self.array(node)[1][0]
 
     def _extreme(self, name: str, node: ast.Call) -> str:

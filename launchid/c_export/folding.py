@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .kinds import INTEGER, TRUTH, Array, Known, Struct
+from .kinds import INTEGER, TRUTH, Array, Known, Several, Struct
 
 if TYPE_CHECKING:
     from .inference import Inference
@@ -219,6 +219,8 @@ class Facts:
         field = kind.field(node.attr)
         if isinstance(field, Known):
             return field.value
+        if isinstance(field, Array) and field.dimensions == 0:
+            return None if field.value is None else field.value.item()
         return (field.extents if field.value is None else field.value) if isinstance(field, Array) else None
 
     def _subscript(self, node: ast.Subscript) -> Fact:
@@ -330,7 +332,8 @@ class Facts:
         if name in ("U", "np.uint64"):
             return self(node.args[0])
         if name == "len":
-            return extents_of(self(node.args[0]), 1)[0]
+            kind = self.kinds.of(node.args[0])
+            return len(kind.kinds) if isinstance(kind, Several) else extents_of(self(node.args[0]), 1)[0]
         if name in CALLS:
             numbers = [self.number(each) for each in node.args]
             return None if None in numbers else fact_of(CALLS[name](*numbers))

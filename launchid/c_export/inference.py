@@ -202,6 +202,8 @@ class Inference:
         if not isinstance(kind, Struct):
             raise Untranslatable(f"{ast.unparse(node)}: {ast.unparse(node.value)} has no fields")
         field = kind.field(node.attr)
+        if isinstance(field, Array) and field.dimensions == 0:
+            return field.element
         return INTEGER if isinstance(field, Known) else field
 
     def _of_tuple(self, node: ast.Tuple) -> Kind:

@@ -236,9 +236,10 @@ class Kernel:
 
     @property
     def is_pure(self) -> bool:
-        """Whether a call has no effect but its result: this kernel and all that it calls store into no array."""
+        """Whether a call has no effect but its result: this kernel and all that it calls store into no memory."""
         return (all(called.is_pure for called in self.asked) and not any(
-            isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store) for node in walk(self.tree)))
+            isinstance(node, ast.Subscript | ast.Attribute) and isinstance(node.ctx, ast.Store)
+            for node in walk(self.tree)))
 
     def written(self, given: Iterable[Any]) -> list[Any]:
         """Return the items of `given` (one for each argument) that C passes: those that the translated body reads."""
@@ -369,7 +370,9 @@ class Kernel:
         if node.target.id in stored or abs(step) != 1:
             raise Untranslatable(f"line {node.lineno}: a loop that sets its own variable, or by a step of {step}")
         end = self.c(high, UNARY)
-        moves = not end.isdigit() and any(isinstance(each, (ast.Subscript, ast.Call)) for each in walk(high))
+        moves = not end.isdigit() and any(
+            isinstance(each, ast.Subscript | ast.Call)
+            or (isinstance(each, ast.Attribute) and not self.kinds.of_neighbour(each)) for each in walk(high))
         if moves or stored & _names([high], ast.Load):
             end = self._temporary("end")
             self._line(depth, f"const int64_t {end} = {self.c(high)};")

@@ -32,7 +32,7 @@ TYPE_NAMES = {FLOAT: ("Vector", "Matrix", "Cube"), INTEGER: ("Integers", "Intege
 @dataclass(frozen=True)
 class Array:
     """Kind of a contiguous array.  extents: of a struct's own array, () if they vary; constant: never written to;
-    value: its numbers, if they never change."""
+    value: its numbers, if they never change.  Of no dimensions: a number of a struct."""
 
     element: Scalar
     dimensions: int

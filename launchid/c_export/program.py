@@ -42,7 +42,7 @@ TEMPLATES = Path(__file__).parent / "template"
 NUMBERS_A_LINE = 6
 BYTES_A_LINE = 20
 STACK_LIMIT = 2048     # bytes of the deepest call at -O2; tests/launchid/c_export/test_port_kit.py computes it
-OWN_CONSTANT = re.compile(r"\b(RING|WINDOW|REPORT|STATES|GUARD)_([A-Z0-9_]+)\b")
+OWN_CONSTANT = re.compile(r"\b(RING|WINDOW)_([A-Z0-9_]+)\b")
 FIXED, STATE, WORK = "fixed", "state", "work"
 C_GUARD = f"{STATE}.guard"
 INT_MAX = 2**31 - 1    # of an enumerator
@@ -140,8 +140,8 @@ class _Program:
         for path, array in self._state():
             flat = array.ravel()
             places = np.flatnonzero((flat != 0) | np.signbit(flat) if flat.dtype.kind == "f" else flat != 0)
-            for k in places.tolist() if path != C_GUARD else ():
-                yield f"    state->{path}[{k}] = {literal(flat[k])};\n"
+            for k in places.tolist() if not path.startswith(C_GUARD) else ():
+                yield f"    state->{path}{f'[{k}]' if array.ndim else ''} = {literal(flat[k])};\n"
 
     def _seal(self) -> str:
         """Return C of the checksum of the carried state, array by array as the core's `fold_words`."""
@@ -151,8 +151,8 @@ class _Program:
                  f"static int64_t fold_words(const {self.unit.struct(self.structs[STATE])} *state)",
                  "{", "    int64_t seal = 0;"]
         for name, part in list(zip(state._fields, state, strict=True))[first:]:
-            lines += [f"    seal = fold_{'numbers' if array.dtype.kind == 'f' else 'counts'}(seal, state->{path}, "
-                      f"{array.size});" for path, array in _arrays(part, name) if array.size]
+            lines += [f"    seal = fold_{'numbers' if array.dtype.kind == 'f' else 'counts'}(seal, "
+                      f"{_address(path, array)}, {array.size});" for path, array in _arrays(part, name) if array.size]
         return "\n".join([*lines, "    return seal;", "}\n"])
 
     def _constants(self) -> str:
@@ -184,11 +184,11 @@ class _Program:
         """Return the values of the template save.c: C that saves and restores the Python estimator's bytes."""
         head = self.port.preface
         rows = [", ".join(map(str, head[k:k + BYTES_A_LINE])) for k in range(0, len(head), BYTES_A_LINE)]
-        kinds = [(path, array.size, "numbers" if array.dtype.kind == "f" else "words")
+        kinds = [(_address(path, array), array.size, "numbers" if array.dtype.kind == "f" else "words")
                  for path, array in self._state() if array.size]
-        saves, restores = ("".join(f"    at = {does}_{kind}(saved, at, state->{path}, {n}U);\n"
-                                   for path, n, kind in kinds) for does in ("put", "take"))
-        saves = saves.replace(f"state->{C_GUARD}", "guard")
+        saves, restores = ("".join(f"    at = {does}_{kind}(saved, at, {address}, {n}U);\n"
+                                   for address, n, kind in kinds) for does in ("put", "take"))
+        saves = saves.replace(f"state->{C_GUARD}.carried", "carried")
         return {"preface": ",\n    ".join(rows), "saves": saves, "restores": restores, "seal": self.seal}
 
     def sizes(self) -> dict[str, object]:
@@ -261,6 +261,11 @@ def _arrays(value: Any, path: str) -> Iterator[tuple[str, np.ndarray]]:
             yield from _arrays(each, f"{path}.{name}")
 
 
+def _address(path: str, array: np.ndarray) -> str:
+    """Return C of the address of an array's first number, or of a number, of the state."""
+    return f"{'' if array.ndim else '&'}state->{path}"
+
+
 def _numbers(array: np.ndarray, depth: int) -> str:
     """Return the C initialiser of an array, indented by `depth`."""
     numbers = [literal(x) for x in array.ravel()] or [literal(array.dtype.type(0))]  # C has no empty array
@@ -274,7 +279,7 @@ def _initialiser(value: Any, depth: int = 1) -> str:
     space, lines = "    " * depth, []
     for name, each in zip(value._fields, value, strict=True):
         if isinstance(each, np.ndarray):
-            lines.append(f"{space}.{name} = {_numbers(each, depth)}")
+            lines.append(f"{space}.{name} = {_numbers(each, depth) if each.ndim else literal(each[()])}")
         elif isinstance(each, tuple) and not all(isinstance(one, int) for one in each):
             lines.append(f"{space}.{name} = {_initialiser(each, depth + 1)}")
     return "{\n" + ",\n".join(lines) + "}"
@@ -347,6 +352,8 @@ class Unit:
     def _field(self, name: str, kind: Kind, placed: bool) -> str:
         if placed:
             return f"{typed(self.c(kind), name)};"
+        if isinstance(kind, Array) and kind.dimensions == 0:
+            return f"{kind.element.c} {name};"
         if isinstance(kind, Array):
             shape = f"  /* {' x '.join(map(str, kind.extents))} */" if kind.dimensions > 1 else ""
             return f"{kind.element.c} {name}[{max(math.prod(kind.extents), 1)}];{shape}"  # C has no empty array

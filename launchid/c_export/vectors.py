@@ -262,8 +262,10 @@ class _Answers:
     def seals(self, saved: bytearray, upset: Upset) -> Iterator[tuple[str, int, int]]:
         """Yield (array, index, seal) of clock, counts and rows of the ring that fit an upset's words."""
         ring, changed = core_module("ring"), {name for name, _, _ in upset.words}
-        if changed & {"state.clock", "state.counts"}:
-            yield "state.guard", 0, self.seal(saved, "state.clock", 0, ring.N_CLOCK + ring.COUNT_FIRST)
+        control = [name for name in self.arrays if name.startswith(("state.clock.", "state.counts."))
+                   and name != "state.counts.answers"]  # one word each, one after the other
+        if changed & set(control):
+            yield "state.guard.control", 0, self.seal(saved, control[0], 0, len(control))
         for row in sorted({place // ring.N_COLUMNS for name, place, _ in upset.words if name == "ring"}):
             yield "seals", row, self.seal(saved, "ring", row * ring.N_COLUMNS, ring.N_COLUMNS)
 

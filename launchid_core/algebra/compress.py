@@ -19,17 +19,17 @@ def first_state(seed: int) -> int:
 
 
 @inner
-def choose_rows(usable, n, p, random, kept):
+def choose_rows(usable, n, p, state, kept):
     """Selection sampling (Knuth, TAOCP 2, 3.4.2, algorithm S): `p` of the usable rows, in order.
 
-    usable (>=n,) in  1 where one of the n rows may be used;  random (1,) inout  generator state
+    usable (>=n,) in  1 where one of the n rows may be used;  state.random  inout  of the generator
     kept   (>=p,) out indices;  returns how many: min(p, usable rows)
     """
     left = 0
     for i in range(n):
         left += usable[i]
     count = 0
-    number = random[0]
+    number = state.random
     for i in range(n):
         if usable[i] == 1:
             number = number * MULTIPLIER % MODULUS
@@ -37,5 +37,5 @@ def choose_rows(usable, n, p, random, kept):
                 kept[count] = i
                 count += 1
             left -= 1
-    random[0] = number
+    state.random = number
     return count

@@ -13,14 +13,14 @@ import numpy as np
 from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import absorb_columns, absorb_rows, apply_q_transposed, carry_columns, qr_factor, solve_triangle
 from ..gate import window as wn
-from ..gate.ring import BETA_CMD, GAMMA, PERIOD, THETA, T, centre_of
+from ..gate.ring import BETA_CMD, GAMMA, THETA, T, centre_of
 from ..gate.window import knows_nothing, knows_one_direction
 from ..kernels import inner, kernel
 from ..model import N_NOISES
 from . import kalman as kf
 from . import states as sx
 from .servo import doubt_of
-from .whiteness import FOR_A6, FOR_K1, IN_WINDOW, INNOVATION, forget_blocks, note_loss, queue_block
+from .whiteness import forget_blocks, note_loss, queue_block
 
 BLOCK = 0.1             # s: the step of tracking, of change detection and of the check; in whole samples, one at least
 WEAK_PRIOR = 1.0e-4     # 1/(relative deviation): a parameter without any data is 0 +- 10,000 times its nominal
@@ -33,15 +33,12 @@ LEVEL_RELAXES = 0.97     # of a log level in BLOCK, while the model is contradic
 RANK_TOLERANCE = 1.0e-12  # of the levels' information: below it a level is not known at all
 LEVEL_MEMORY = 0.9995   # what is left after BLOCK of what was known: noise levels may change over minutes
 
-# counts (i8) of an accumulator: rows in the block, samples and gaps in the window
-BLOCK_ROWS, SAMPLES, BLOCK_GAPS = range(3)
-
 
 @inner
 def span_of(fixed, state):
     """Return (length [s], end [s]) of the block that was gathered."""
-    t_end = state.filter.time[sx.LAST]
-    return t_end - state.acc.start[0] + fixed.limits[PERIOD], t_end
+    t_end = state.filter.time.last
+    return t_end - state.acc.start + fixed.limits.period, t_end
 
 
 @inner
@@ -53,8 +50,8 @@ def clear_window(size, acc):
     for j in range(size.servo):
         acc.window[size.servo_at + j, size.servo_at + j] = 1.0
     set_identity(size, acc.psi)
-    acc.counts[SAMPLES] = 0
-    acc.counts[BLOCK_GAPS] = 0
+    acc.counts.samples = 0
+    acc.counts.gaps = 0
 
 
 @inner
@@ -104,7 +101,7 @@ def reduce_rows(block, rows):
     size, columns = fixed.belief.size, block[0].work.acc.columns[:]
     n, c = size.states, size.columns
     work.triangle[:, :] = 0.0
-    absorb_rows(work.triangle[:], rows, c, acc.counts[BLOCK_ROWS])
+    absorb_rows(work.triangle[:], rows, c, acc.counts.rows)
     for j in range(n):
         columns[j] = j
     columns[n], columns[n + 1], columns[n + 2] = n + size.theta, n + size.beta, c - 1
@@ -149,8 +146,8 @@ def absorb_block(size, acc, work, about):
 @inner
 def measured(belief, row, channel):
     """theta, theta_dot or beta of a ring row without the sensor errors that are known."""
-    z = row[THETA + channel] - belief.constant[sx.OFFSET + channel]
-    return z / belief.constant[sx.GYRO_SCALE] if channel == 1 else z
+    z = row[THETA + channel] - belief.constant.offset[channel]
+    return z / belief.constant.gyro_scale if channel == 1 else z
 
 
 @inner
@@ -158,8 +155,8 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
     """Predict to a `row` of the ring, correct by its measurements; its whitened innovations join the block's `rows`."""
     t = row[T]
     if kf.begins_anew(belief, fil, t, max_gap):
-        acc.counts[BLOCK_GAPS] += int(fil.time[sx.RUNNING])  # a gap, unless it is the first sample of all
-        fil.note[sx.RESTARTS] += int(fil.time[sx.RUNNING])
+        acc.counts.gaps += int(fil.time.running)  # a gap, unless it is the first sample of all
+        fil.note.restarts += int(fil.time.running)
         if kf.is_lost(belief, fil):
             note_loss(check, t)
         kf.start_segment(belief, fil, t, measured(belief, row, 0), measured(belief, row, 1), measured(belief, row, 2),
@@ -176,7 +173,7 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
     n, last = belief.size.states, belief.size.sensitivities
     theta, beta = n + belief.size.theta, n + belief.size.beta
     for channel in range(3):
-        if np.isnan(row[THETA + channel]) or abs(row[THETA + channel]) >= belief.constant[sx.SATURATION + channel]:
+        if np.isnan(row[THETA + channel]) or abs(row[THETA + channel]) >= belief.constant.saturation[channel]:
             continue
         z = measured(belief, row, channel)
         r = belief.variance[channel] * exp_of(2.0 * fil.level[channel])
@@ -191,24 +188,24 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
             predicted += 2.0 * fil.p[channel, partner] + fil.p[partner, partner]
         outlier = e * e > kf.OUTLIER * kf.OUTLIER * (predicted + (r + doubt))
         fil.outliers[channel] = fil.outliers[channel] + 1 if outlier else 0
-        fil.note[sx.OUTLIERS] += int(outlier)
+        fil.note.outliers += int(outlier)
         if outlier:
             continue
         variance = predicted + r  # S
         kf.correct(belief.size, fil, work, channel, partner, e, variance, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
-        k = acc.counts[BLOCK_ROWS]
+        k = acc.counts.rows
         for j in range(last):
             rows[j, k] = out[j] * scale
         rows[last, k] = (e + out[theta] * fil.p_bar[sx.A6] + out[beta] * fil.p_bar[sx.K1]) * scale
-        acc.counts[BLOCK_ROWS] = k + 1
-        check.mean[channel, INNOVATION] += e * scale
-        check.mean[channel, FOR_A6] += out[theta] * scale
-        check.mean[channel, FOR_K1] += out[beta] * scale
+        acc.counts.rows = k + 1
+        check.innovation[channel] += e * scale
+        check.for_a6[channel] += out[theta] * scale
+        check.for_k1[channel] += out[beta] * scale
         check.seen[channel] += 1
         for j in range(belief.size.servo):
             check.servo[channel, j] += out[belief.size.servo_at + j] * scale
-    acc.counts[SAMPLES] += 1
+    acc.counts.samples += 1
     kf.take_command(belief, fil, row[BETA_CMD])
 
 
@@ -222,7 +219,7 @@ def left_after(share, left):
 def update_levels(belief, fil, acc, work):
     """One step of Fisher scoring of the log noise levels with the block's score, then clear it."""
     n = belief.size.levels
-    share = belief.constant[sx.BLOCK_SHARE]
+    share = belief.constant.block_share
     memory = left_after(share, LEVEL_MEMORY)
     square = work.square[:n * n].reshape((n, n))
     for i in range(n):
@@ -244,7 +241,7 @@ def update_levels(belief, fil, acc, work):
         is_wind = n > N_NOISES and j >= N_NOISES
         most = share * (WIND_STEP if is_wind else LEVEL_STEP_A_BLOCK)
         moved = min(max(work.step[k], -most), most)
-        fil.note[sx.LEVEL_CLAMPS] += int(abs(work.step[k]) > most)
+        fil.note.level_clamps += int(abs(work.step[k]) > most)
         if is_wind:
             move_wind_level(n, fil, acc, j, moved)
         else:
@@ -268,7 +265,7 @@ def move_wind_level(levels, fil, acc, j, moved):
 @inner
 def relax_levels(belief, fil, acc):
     """A model that is contradicted teaches nothing about noise: the levels go back towards the declared."""
-    left = left_after(belief.constant[sx.BLOCK_SHARE], LEVEL_RELAXES)
+    left = left_after(belief.constant.block_share, LEVEL_RELAXES)
     for i in range(belief.size.levels):
         fil.level[i] *= left
         acc.score[i] = 0.0
@@ -307,10 +304,6 @@ def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
             slip_j = fil.s[j, theta] * (after_a - before_a) + fil.s[j, beta] * (after_k - before_k)
             fil.p[i, j] += slip_i * slip_j / (12.0 * blocks * blocks)
     relinearise(belief, fil, after_a, after_k)
-
-
-# deviation (f8): standard deviations of theta's and beta's relative deviation, their correlation
-STD_A6, STD_K1, CORR = range(3)
 
 
 @inner
@@ -382,16 +375,18 @@ def solve_window(belief, acc, work, active):
         for j in range(k + 1, last + 1):
             value -= r[k, j] * coefficient[columns[j] - n]
         coefficient[columns[k] - n] = value / r[k, k]
-    deviation[:] = np.nan
+    deviation.a6 = np.nan
+    deviation.k1 = np.nan
+    deviation.correlation = np.nan
     if active[theta] and active[beta]:
         a, b, c = r[last - 1, last - 1], r[last - 1, last], r[last, last]
-        deviation[STD_A6] = np.sqrt(1.0 + (b / c) * (b / c)) / abs(a)
-        deviation[STD_K1] = 1.0 / abs(c)
-        deviation[CORR] = -(b / abs(c)) / np.sqrt(1.0 + (b / c) * (b / c)) * (1.0 if a > 0.0 else -1.0)
+        deviation.a6 = np.sqrt(1.0 + (b / c) * (b / c)) / abs(a)
+        deviation.k1 = 1.0 / abs(c)
+        deviation.correlation = -(b / abs(c)) / np.sqrt(1.0 + (b / c) * (b / c)) * (1.0 if a > 0.0 else -1.0)
     elif active[theta]:
-        deviation[STD_A6] = 1.0 / abs(r[last, last])
+        deviation.a6 = 1.0 / abs(r[last, last])
     elif active[beta]:
-        deviation[STD_K1] = 1.0 / abs(r[last, last])
+        deviation.k1 = 1.0 / abs(r[last, last])
     unexplained = 0.0
     for k in range(last + 1 + sx.N_SLOPES, m - 1):
         unexplained += r[k, m - 1] * r[k, m - 1]
@@ -403,7 +398,7 @@ def limit_terms(block, profile):
     """95 % limits of the terms that were left out of a valid window; an absent a6 or k1 is 0 with the standard
     deviation that it would have."""
     belief, state, work, out = block[0].fixed.belief, block[0].state, block[0].work.acc, block[0].state.outcome
-    if out.flag[wn.STATUS] == wn.OK:
+    if out.status == wn.OK:
         a6, k1 = sx.profile_at(profile, centre_of(block[0].fixed, state))
         for j in range(belief.size.terms):
             is_a6, is_k1 = j == belief.size.theta, j == belief.size.beta
@@ -415,10 +410,10 @@ def limit_terms(block, profile):
                 continue
             if is_a6:
                 value, std = a6 * (1.0 + value), abs(a6) * std
-                out.number[wn.O_A6_STD] = std
+                out.a6_std = std
             elif is_k1:
                 value, std = k1 * (1.0 + value), abs(k1) * std
-                out.number[wn.O_K1_STD] = std
+                out.k1_std = std
             out.absent[j] = abs(value) + wn.INTERVAL * std
 
 
@@ -427,13 +422,13 @@ def report_window(belief, profile, state, work, t_centre):
     """Relative deviations into a6, k1 and their standard deviations at the window's centre; returns the status."""
     out, coefficient = state.outcome, work.coefficient
     theta, beta = belief.size.theta, belief.size.beta
-    std_a, std_k, correlation = work.deviation[STD_A6], work.deviation[STD_K1], work.deviation[CORR]
+    std_a, std_k, correlation = work.deviation.a6, work.deviation.k1, work.deviation.correlation
     a6, k1 = sx.profile_at(profile, t_centre)
-    out.number[wn.O_A6_BOUND], out.number[wn.O_K1_BOUND] = abs(a6) * std_a, abs(k1) * std_k
-    out.number[wn.O_CONDITION] = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
+    out.a6_bound, out.k1_bound = abs(a6) * std_a, abs(k1) * std_k
+    out.condition = np.sqrt((1.0 + abs(correlation)) / (1.0 - abs(correlation)))
     if knows_nothing(std_a, std_k):
         return wn.LOW_INFORMATION
-    if state.check.flag[IN_WINDOW] == 1:
+    if state.check.in_window == 1:
         return wn.MODEL
     if knows_one_direction(std_a, std_k, correlation):
         return wn.SEPARATION
@@ -442,13 +437,13 @@ def report_window(belief, profile, state, work, t_centre):
         out.support[j, wn.THETA_REPEATS] = state.active[j]
     out.xi[theta, wn.THETA_REPEATS] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0
     out.xi[beta, wn.THETA_REPEATS] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
-    out.number[wn.O_A6], out.number[wn.O_K1] = out.xi[theta, wn.THETA_REPEATS], out.xi[beta, wn.THETA_REPEATS]
-    out.number[wn.O_A6_STD], out.number[wn.O_K1_STD] = out.number[wn.O_A6_BOUND], out.number[wn.O_K1_BOUND]
+    out.a6, out.k1 = out.xi[theta, wn.THETA_REPEATS], out.xi[beta, wn.THETA_REPEATS]
+    out.a6_std, out.k1_std = out.a6_bound, out.k1_bound
     if state.active[theta]:
-        out.std[theta] = out.number[wn.O_A6_STD]
+        out.std[theta] = out.a6_std
     if state.active[beta]:
-        out.std[beta] = out.number[wn.O_K1_STD]
-    out.number[wn.O_CORRELATION] = correlation if a6 * k1 > 0.0 else -correlation  # a product leaves a NaN's sign open
-    if not np.isfinite(out.number[wn.O_A6] + out.number[wn.O_K1]):
+        out.std[beta] = out.k1_std
+    out.correlation = correlation if a6 * k1 > 0.0 else -correlation  # a product leaves a NaN's sign open
+    if not np.isfinite(out.a6 + out.k1):
         return wn.NUMERICS
     return wn.OK

@@ -46,9 +46,9 @@ def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
     fil.sx[:, :] = 0.0
     fil.sp[:, :, :] = 0.0
     fil.s[:, :] = 0.0
-    if fil.note[sx.SEGMENTS] == 0:
-        fil.time[sx.FIRST] = t
-    fil.note[sx.SEGMENTS] += 1
+    if fil.note.segments == 0:
+        fil.time.first = t
+    fil.note.segments += 1
     for j in range(n - sx.N_STATES):
         k = sx.N_STATES + j
         fil.p[k, k] = spread_at(belief, fil, j, t)
@@ -73,19 +73,19 @@ def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
     for i in range(n):
         fil.s[i, i] = 1.0
     if np.isfinite(gamma):
-        fil.path[sx.GAMMA_NOW] = gamma
-    elif is_lost(belief, fil) and (belief.constant[sx.AIRY] == 0.0 or abs(fil.path[sx.GAMMA_NOW]) > SMALL_ANGLE):
-        fil.path[sx.GAMMA_NOW] = 0.0  # the last one measured may be what misled it
+        fil.gamma = gamma
+    elif is_lost(belief, fil) and (belief.constant.airy == 0.0 or abs(fil.gamma) > SMALL_ANGLE):
+        fil.gamma = 0.0  # the last one measured may be what misled it
     fil.command[:] = np.nan
     fil.outliers[:] = 0
-    fil.time[sx.LAST] = t
-    fil.time[sx.RUNNING] = 1.0
+    fil.time.last = t
+    fil.time.running = 1.0
 
 
 @inner
 def delayed_input(constant, fil):
     """Command that acts over the coming step: `delay` old, linear between samples; NaN if not logged."""
-    steps = constant[sx.DELAY] / constant[sx.CONTROLLER_PERIOD]
+    steps = constant.delay / constant.controller_period
     whole = int(steps)
     share = steps - whole
     newer = fil.command[min(whole, sx.MAX_DELAY_SAMPLES - 1)]
@@ -98,12 +98,12 @@ def delayed_input(constant, fil):
 def take_command(belief, fil, command):
     """Shift a command into the history: only as far as the delay needs, or all of it where it is not known."""
     constant = belief.constant
-    depth = min(int(constant[sx.DELAY] / constant[sx.CONTROLLER_PERIOD]) + 1, sx.MAX_DELAY_SAMPLES - 1)
+    depth = min(int(constant.delay / constant.controller_period) + 1, sx.MAX_DELAY_SAMPLES - 1)
     if belief.size.servo > 0:
         depth = sx.MAX_DELAY_SAMPLES - 1
     for k in range(depth, 0, -1):
         fil.command[k] = fil.command[k - 1]
-    fil.command[0] = constant[sx.COMMAND_GAIN] * command + constant[sx.COMMAND_OFFSET]
+    fil.command[0] = constant.command_gain * command + constant.command_offset
     if belief.size.shaped == 1:
         kn.shape_command(belief, fil)
 
@@ -114,16 +114,16 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
 
     command, gamma [rad]  of the sample at t;  of an estimated servo `set_servo_step` has set the step
     """
-    n, h, constant = belief.size.states, t - fil.time[sx.LAST], belief.constant
-    if belief.size.servo == 0 and abs(h - fil.step[sv.STEP_PLACE]) > sv.SAME_STEP * h:
-        frequency, damping, missing = constant[sx.FREQUENCY], constant[sx.DAMPING], constant[sx.MISSING]
+    n, h, constant = belief.size.states, t - fil.time.last, belief.constant
+    if belief.size.servo == 0 and abs(h - fil.step.h) > sv.SAME_STEP * h:
+        frequency, damping, missing = constant.frequency, constant.damping, constant.missing
         sv.set_step(constant, frequency, damping, h, work, fil.step)
         if missing > 0.0:  # of the last part, in which a command acts that no sample holds
             sv.set_step(constant, frequency, damping, missing * h, work, fil.missed)
-    a6, k1 = sx.profile_at(profile, fil.time[sx.LAST] + 0.5 * h)
+    a6, k1 = sx.profile_at(profile, fil.time.last + 0.5 * h)
     acting, change = delayed_input(constant, fil), 0.0
     if belief.size.servo > 0:
-        whole = int(fil.servo.number[sv.BY_DELAY] / constant[sx.CONTROLLER_PERIOD])
+        whole = int(fil.servo.delay / constant.controller_period)
         older = fil.command[min(whole + 1, sx.MAX_DELAY_SAMPLES - 1)]
         change = fil.command[min(whole, sx.MAX_DELAY_SAMPLES - 1)] - older  # within the step; NaN: not known
         acting = older + 0.0 * change
@@ -137,11 +137,11 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     f, g = work.transition[:], work.transition[:]
     fill_transition(belief, fil, f, believed_a6, believed_k1, work.push)
     gain_k1 = believed_k1
-    if constant[sx.HELD] == 1.0:  # P moves with the nominal's F
+    if constant.held == 1.0:  # P moves with the nominal's F
         g, gain_k1 = work.steady[:], k1
         fill_transition(belief, fil, g, a6, k1, work.push)
     sv.drive_servo(belief, fil, work, believed_k1, u, change)
-    known = believed_a6 * known_air + believed_k1 * constant[sx.LEAN]
+    known = believed_a6 * known_air + believed_k1 * constant.lean
     if belief.size.known == 1:
         known += kn.known_acceleration(belief, air, fil, work, a6, believed_a6, known_air)
     advance_state(belief, fil, f, believed_k1, u, known)             # x = F x + B u
@@ -153,7 +153,7 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     for j in range(belief.size.terms):
         fil.s[0, n + j] += work.drive[0, j]
         fil.s[1, n + j] += work.drive[1, j]
-    age, reach = t - 0.5 * h - fil.time[sx.FIRST], fil.step[sv.ANGLE_OF_RATE]
+    age, reach = t - 0.5 * h - fil.time.first, fil.step.reach
     test = belief.size.sensitivities - sx.N_TESTS
     for i in range(2):
         fil.s[i, test + sx.SLOPE_A6] += age * work.drive[i, belief.size.theta]
@@ -165,7 +165,7 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     for k in range(belief.size.levels):
         propagate_covariance(g, n, fil.sp[k], work.matrix)
     add_process_noise(belief, fil, a6, gain_k1, command_variance, command)
-    fil.time[sx.LAST] = t
+    fil.time.last = t
 
 
 @inner
@@ -173,13 +173,13 @@ def is_lost(belief, fil):
     """Whether so many measurements in a row, over so long a time, were left out that the filter is wrong, not the
     sensor."""
     row = max(fil.outliers[0], fil.outliers[1], fil.outliers[2])
-    return row >= MAX_OUTLIERS and (row + 0.5) * belief.constant[sx.CONTROLLER_PERIOD] >= SPIKE_LASTS
+    return row >= MAX_OUTLIERS and (row + 0.5) * belief.constant.controller_period >= SPIKE_LASTS
 
 
 @inner
 def begins_anew(belief, fil, t, max_gap):
     """Whether a sample at t [s] begins a segment: the first, after a gap, or as the filter has lost the sensors."""
-    return is_lost(belief, fil) or fil.time[sx.RUNNING] == 0.0 or not 0.0 < t - fil.time[sx.LAST] <= max_gap
+    return is_lost(belief, fil) or fil.time.running == 0.0 or not 0.0 < t - fil.time.last <= max_gap
 
 
 @inner
@@ -256,7 +256,7 @@ def spread_at(belief, fil, j, t):
         return variance
     factor = exp_of(2.0 * fil.level[at])
     if belief.role[j] == WALK:
-        return variance + factor * belief.variance[at] * max(t - fil.time[sx.FIRST], 0.0)
+        return variance + factor * belief.variance[at] * max(t - fil.time.first, 0.0)
     return factor * variance
 
 
@@ -283,14 +283,14 @@ def follow_path(belief, air, fil, h, gamma):
 
     Left out: what an error of a6 does to gamma through the wind believed.
     """
-    before = fil.path[sx.GAMMA_NOW]
+    before = fil.gamma
     wind = 0.0
     after = before
-    if belief.constant[sx.AIRY] == 1.0:
-        middle = fil.time[sx.LAST] + 0.5 * h
+    if belief.constant.airy == 1.0:
+        middle = fil.time.last + 0.5 * h
         wind = sx.air_at(air, sx.AIR_WIND, middle)
         x = fil.x
-        guessed, lean = 0.0, belief.constant[sx.LEAN]  # wind that is not known beforehand, less a bias of theta
+        guessed, lean = 0.0, belief.constant.lean  # wind that is not known beforehand, less a bias of theta
         for j in range(belief.size.nuisances):
             role, nuisance = belief.role[j], x[sx.N_STATES + j]
             if role == WALK or role == TURBULENCE:
@@ -304,7 +304,7 @@ def follow_path(belief, air, fil, h, gamma):
                               + sx.air_at(air, sx.AIR_BETA, middle) * (x[2] + 0.5 * h * x[3] + lean))
     if np.isfinite(gamma):
         after = gamma
-    fil.path[sx.GAMMA_NOW] = after
+    fil.gamma = after
     return wind - 0.5 * (before + after)
 
 
@@ -315,7 +315,7 @@ def drive_terms(belief, fil, work, a6, k1, u, air):
     For theta and beta the unit is the nominal's own a6, k1 (a relative deviation); they multiply the angle of attack,
     whose part `air` [rad] is known, and the deflection with the lean that is known.
     """
-    h, reach = fil.step[sv.STEP_PLACE], fil.step[sv.ANGLE_OF_RATE]
+    h, reach = fil.step.h, fil.step.reach
     x = fil.x
     work.raw[0, 0], work.raw[1, 0], work.raw[2, 0] = x[0] + 0.5 * h * x[1], x[1], x[2] + 0.5 * h * x[3]
     for j in range(belief.size.terms):
@@ -326,8 +326,8 @@ def drive_terms(belief, fil, work, a6, k1, u, air):
     y0 = x[0] + air
     work.drive[0, theta] = a6 * h * reach * (0.5 * y0 + h / 6.0 * x[1])
     work.drive[1, theta] = a6 * reach * (y0 + 0.5 * h * x[1])
-    lean = belief.constant[sx.LEAN]
-    once, twice = fil.step[sv.J1:], fil.step[sv.J2:]
+    lean = belief.constant.lean
+    once, twice = fil.step.once, fil.step.twice
     work.drive[0, beta] = k1 * (twice[0] * x[2] + twice[1] * x[3] + twice[2] * u + 0.5 * h * reach * lean)
     work.drive[1, beta] = k1 * (once[0] * x[2] + once[1] * x[3] + once[2] * u + reach * lean)
 
@@ -337,18 +337,18 @@ def fill_transition(belief, fil, f, a6, k1, push):
     """Transition matrix of the step.  Left out: a6 h^2/6 of the nozzle's effect on the attitude, 3e-5 of k1 here; of
     known damping d what it does to the effect of a6 within a step, a6 d h^3/6.
     """
-    h, reach = fil.step[sv.STEP_PLACE], fil.step[sv.ANGLE_OF_RATE]
+    h, reach = fil.step.h, fil.step.reach
     c = 1.0 + 0.5 * a6 * h * h
     s = reach + a6 * h * h * h / 6.0
     f[0, 0], f[0, 1] = c, s
-    f[1, 0], f[1, 1] = a6 * s, c * fil.step[sv.FADE]
-    f[0, 2], f[0, 3] = k1 * fil.step[sv.J2], k1 * fil.step[sv.J2 + 1]
-    f[1, 2], f[1, 3] = k1 * fil.step[sv.J1], k1 * fil.step[sv.J1 + 1]
-    f[2, 2], f[2, 3] = fil.step[sv.PHI], fil.step[sv.PHI + 1]
-    f[3, 2], f[3, 3] = fil.step[sv.PHI + 2], fil.step[sv.PHI + 3]
+    f[1, 0], f[1, 1] = a6 * s, c * fil.step.fade
+    f[0, 2], f[0, 3] = k1 * fil.step.twice[0], k1 * fil.step.twice[1]
+    f[1, 2], f[1, 3] = k1 * fil.step.once[0], k1 * fil.step.once[1]
+    f[2, 2], f[2, 3] = fil.step.phi[0, 0], fil.step.phi[0, 1]
+    f[3, 2], f[3, 3] = fil.step.phi[1, 0], fil.step.phi[1, 1]
     for j in range(belief.size.nuisances):
         f[0, sx.N_STATES + j], f[1, sx.N_STATES + j] = 0.5 * h * reach * push[j], reach * push[j]
-        f[sx.N_STATES + j, sx.N_STATES + j] = fil.step[sv.KEEP_PLACE] if belief.role[j] == TURBULENCE else 1.0
+        f[sx.N_STATES + j, sx.N_STATES + j] = fil.step.keep if belief.role[j] == TURBULENCE else 1.0
 
 
 @inner
@@ -400,13 +400,13 @@ def propagate_sensitivities(f, n, s, columns):
 @inner
 def advance_state(belief, fil, f, k1, u, known):
     """Advance the state by one step.  u [rad] command, `known` [rad/s^2] acceleration, both held."""
-    x, h, reach = fil.x, fil.step[sv.STEP_PLACE], fil.step[sv.ANGLE_OF_RATE]
+    x, h, reach = fil.x, fil.step.h, fil.step.reach
     y0, y1, y2, y3 = x[0], x[1], x[2], x[3]
-    b0, b1 = k1 * fil.step[sv.J2 + 2], k1 * fil.step[sv.J1 + 2]
+    b0, b1 = k1 * fil.step.twice[2], k1 * fil.step.once[2]
     x[0] = f[0, 0] * y0 + f[0, 1] * y1 + f[0, 2] * y2 + f[0, 3] * y3 + b0 * u
     x[1] = f[1, 0] * y0 + f[1, 1] * y1 + f[1, 2] * y2 + f[1, 3] * y3 + b1 * u
-    x[2] = f[2, 2] * y2 + f[2, 3] * y3 + fil.step[sv.PATH_PLACE] * u
-    x[3] = f[3, 2] * y2 + f[3, 3] * y3 + fil.step[sv.PATH_PLACE + 1] * u
+    x[2] = f[2, 2] * y2 + f[2, 3] * y3 + fil.step.by_command[0] * u
+    x[3] = f[3, 2] * y2 + f[3, 3] * y3 + fil.step.by_command[1] * u
     x[0] += 0.5 * h * reach * known
     x[1] += reach * known
     for k in range(sx.N_STATES, belief.size.states):
@@ -418,7 +418,7 @@ def advance_state(belief, fil, f, k1, u, known):
 @inner
 def add_held_noise(step, k1, variance, p):
     """Add to a covariance p the process noise of a command that is held over a step, of this variance [rad^2]."""
-    b = (k1 * step[sv.J2 + 2], k1 * step[sv.J1 + 2], step[sv.PATH_PLACE], step[sv.PATH_PLACE + 1])
+    b = (k1 * step.twice[2], k1 * step.once[2], step.by_command[0], step.by_command[1])
     for i in range(sx.N_STATES):
         for j in range(sx.N_STATES):
             p[i, j] += b[i] * b[j] * variance
@@ -432,7 +432,7 @@ def add_process_noise(belief, fil, a6, k1, command_variance, command):
     Where samples are slower than the controller no sample holds the command of a step's last part: it is off the last
     one by as much as it changes from sample to sample, in the mean of JUMP_MEMORY.
     """
-    h, reach, keep = fil.step[sv.STEP_PLACE], fil.step[sv.ANGLE_OF_RATE], fil.step[sv.KEEP_PLACE]
+    h, reach, keep = fil.step.h, fil.step.reach, fil.step.keep
     add_held_noise(fil.step, k1, command_variance, fil.p[:])
     add_held_noise(fil.step, k1, 2.0 * command_variance, fil.sp[sx.COMMAND_NOISE])
     acceleration_variance = belief.variance[sx.ACCELERATION_NOISE] * exp_of(2.0 * fil.level[sx.ACCELERATION_NOISE])
@@ -442,12 +442,12 @@ def add_process_noise(belief, fil, a6, k1, command_variance, command):
             q = w[i] * w[j] * acceleration_variance
             fil.p[i, j] += q
             fil.sp[sx.ACCELERATION_NOISE, i, j] += 2.0 * q
-    if belief.constant[sx.MISSING] > 0.0:
+    if belief.constant.missing > 0.0:
         change = command - fil.command[0]
         if np.isfinite(change):
-            share = 1.0 if fil.jump[0] == 0.0 else min(h / JUMP_MEMORY, 1.0)
-            fil.jump[0] += share * (change * change - fil.jump[0])
-        add_held_noise(fil.missed, k1, fil.jump[0], fil.p[:])
+            share = 1.0 if fil.jump == 0.0 else min(h / JUMP_MEMORY, 1.0)
+            fil.jump += share * (change * change - fil.jump)
+        add_held_noise(fil.missed, k1, fil.jump, fil.p[:])
     for j in range(belief.size.nuisances):
         k, at = sx.N_STATES + j, belief.level[j]
         if at >= 0:
@@ -455,8 +455,8 @@ def add_process_noise(belief, fil, a6, k1, command_variance, command):
             q *= h if belief.role[j] == WALK else 1.0 - keep * keep
             fil.p[k, k] += q
             fil.sp[at, k, k] += 2.0 * q
-    if belief.constant[sx.GAMMA_STD] > 0.0:
-        gamma_noise = a6 * belief.constant[sx.GAMMA_STD]
+    if belief.constant.gamma_std > 0.0:
+        gamma_noise = a6 * belief.constant.gamma_std
         for i in range(2):
             for j in range(2):
                 fil.p[i, j] += w[i] * w[j] * (gamma_noise * gamma_noise)

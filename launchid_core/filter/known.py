@@ -16,7 +16,6 @@ from ..algebra.elementary import erfc_of, exp_of, sin_of
 from ..algebra.library import function_value
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, TURBULENCE, WALK
-from . import servo as sv
 from . import states as sx
 
 SIGN = 3                    # place of sign in `library.FUNCTIONS`
@@ -52,9 +51,9 @@ def known_acceleration(belief, air, fil, work, a6, believed_a6, known_air):
 
     a6, believed_a6 [1/s^2]  the nominal's, and as believed;  known_air [rad]  what is known of alpha beside theta
     """
-    h, x, reach = fil.step[sv.STEP_PLACE], fil.x, fil.step[sv.ANGLE_OF_RATE]
-    middle = fil.time[sx.LAST] + 0.5 * h
-    total = sx.air_at(air, sx.AIR_MOMENT, middle) if belief.constant[sx.AIRY] == 1.0 else 0.0
+    h, x, reach = fil.step.h, fil.x, fil.step.reach
+    middle = fil.time.last + 0.5 * h
+    total = sx.air_at(air, sx.AIR_MOMENT, middle) if belief.constant.airy == 1.0 else 0.0
     for j in range(belief.size.sines):
         sine = belief.sines[j]
         swept = sine[1] * h  # the mean over the step is sin(swept/2)/(swept/2) of the value at its middle
@@ -72,7 +71,7 @@ def known_acceleration(belief, air, fil, work, a6, believed_a6, known_air):
                               - term_value(code, theta, theta_dot - d, beta, spread)) / (2.0 * d)
         work.known[2] += c * (term_value(code, theta, theta_dot, beta + d, spread)
                               - term_value(code, theta, theta_dot, beta - d, spread)) / (2.0 * d)
-    cubic = belief.cubic[0]
+    cubic = belief.cubic
     if cubic != 0.0:
         alpha = theta + known_air
         for j in range(belief.size.nuisances):
@@ -92,12 +91,12 @@ def known_acceleration(belief, air, fil, work, a6, believed_a6, known_air):
 @inner
 def tilt_transitions(belief, fil, work, f, g):
     """Add what the known acceleration's slopes do over the step to the transitions f, and g where it is another."""
-    h, reach, slope = fil.step[sv.STEP_PLACE], fil.step[sv.ANGLE_OF_RATE], work.known
+    h, reach, slope = fil.step.h, fil.step.reach, work.known
     row = (slope[0], slope[1] + 0.5 * h * slope[0], slope[2], 0.5 * h * slope[2])
     for j in range(sx.N_STATES):
         f[0, j] += 0.5 * h * reach * row[j]
         f[1, j] += reach * row[j]
-        if belief.constant[sx.HELD] == 1.0:
+        if belief.constant.held == 1.0:
             g[0, j] += 0.5 * h * reach * row[j]
             g[1, j] += reach * row[j]
 
@@ -105,7 +104,7 @@ def tilt_transitions(belief, fil, work, f, g):
 @inner
 def shape_command(belief, fil):
     """The newest command passes play, lag and wash-out; a command that is not known moves none of them."""
-    u, h, path = fil.command[0], belief.constant[sx.CONTROLLER_PERIOD], belief.command
+    u, h, path = fil.command[0], belief.constant.controller_period, belief.command
     if np.isnan(u):
         return
     if path[HALF_WIDTH] > 0.0:

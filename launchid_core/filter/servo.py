@@ -25,17 +25,6 @@ SCALED = 0.25                   # norm of the matrix whose exponential is summed
 MAX_SQUARINGS = 24
 SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
-# step (f8): constants of one time step
-STEP_PLACE = 0
-PHI = 1    # 2x2 transition of the nozzle
-PATH_PLACE = 5  # 2 effect of the command on it
-J1 = 7     # 3: integral of beta over the step, damped as the rate is, from beta, beta_dot, command
-J2 = 10    # 3: double integral
-KEEP_PLACE = 13  # what is left of the turbulence
-FADE = 14  # what known damping leaves of a rate
-ANGLE_OF_RATE = 15  # s: the angle that a rate of 1 makes over the step
-N_STEP = 16
-
 
 @inner
 def multiply(a, b, out):
@@ -89,33 +78,31 @@ def set_step(constant, frequency, damping, h, work, step):
     """
     m, total, term, spare = work.taylor[0], work.taylor[1], work.taylor[2], work.taylor[3]
     m[:, :] = 0.0  # generator times h of (double integral, integral, beta, beta_dot / w, u): entries of one size
-    m[0, 1], m[1, 1], m[1, 2] = h, 0.0 - h * constant[sx.AERO_DAMPING], h
-    if constant[sx.TIME_CONSTANT] > 0.0:
-        m[2, 2], m[2, 4] = -h / constant[sx.TIME_CONSTANT], h / constant[sx.TIME_CONSTANT]
+    m[0, 1], m[1, 1], m[1, 2] = h, 0.0 - h * constant.aero_damping, h
+    if constant.time_constant > 0.0:
+        m[2, 2], m[2, 4] = -h / constant.time_constant, h / constant.time_constant
     else:
         m[2, 3] = frequency * h
         m[3, 2], m[3, 3], m[3, 4] = -(frequency * h), -2.0 * damping * (frequency * h), frequency * h
     exponential(m, total, term, spare)
-    w = 1.0 if constant[sx.TIME_CONSTANT] > 0.0 else frequency
-    step[STEP_PLACE] = h
-    step[PHI] = total[2, 2]
-    step[PHI + 1] = total[2, 3] / w
-    step[PHI + 2] = total[3, 2] * w
-    step[PHI + 3] = total[3, 3] if constant[sx.TIME_CONSTANT] == 0.0 else 0.0
-    step[PATH_PLACE] = total[2, 4]
-    step[PATH_PLACE + 1] = total[3, 4] * w
+    w = 1.0 if constant.time_constant > 0.0 else frequency
+    step.h = h
+    step.phi[0, 0] = total[2, 2]
+    step.phi[0, 1] = total[2, 3] / w
+    step.phi[1, 0] = total[3, 2] * w
+    step.phi[1, 1] = total[3, 3] if constant.time_constant == 0.0 else 0.0
+    step.by_command[0] = total[2, 4]
+    step.by_command[1] = total[3, 4] * w
     for j in range(3):
         scale = 1.0 / w if j == 1 else 1.0
-        step[J1 + j] = total[1, 2 + j] * scale
-        step[J2 + j] = total[0, 2 + j] * scale
-    step[FADE], step[ANGLE_OF_RATE] = total[1, 1], total[0, 1]
-    step[KEEP_PLACE] = exp_of(-h / constant[sx.TURBULENCE_TIME])
+        step.once[j] = total[1, 2 + j] * scale
+        step.twice[j] = total[0, 2 + j] * scale
+    step.fade, step.reach = total[1, 1], total[0, 1]
+    step.keep = exp_of(-h / constant.turbulence_time)
 
 
 N_SERVO = len(SERVO)
 BY_FREQUENCY, BY_DAMPING, BY_DELAY = range(N_SERVO)
-# number (f8): natural frequency [rad/s], damping ratio, delay [s] believed, and the time step [s] that comes next
-NEXT_STEP = N_SERVO
 # columns of a response: of beta, beta_dot, the command as the step begins, its change within the step
 SERVO_BETA, SERVO_BETA_DOT, SERVO_COMMAND, SERVO_CHANGE = range(4)
 
@@ -129,12 +116,12 @@ UNSETTLED = 0.2         # share of a block's squares by what is unknown of the s
 
 @inner
 def believe_servo(belief, fil):
-    """Set fil.servo.number from the deviations that the filter is linearised about; the next step is set afresh."""
-    number, about, constant = fil.servo.number, fil.servo.about, belief.constant
-    number[BY_FREQUENCY] = constant[sx.FREQUENCY] * (1.0 + belief.servo[BY_FREQUENCY] * about[BY_FREQUENCY])
-    number[BY_DAMPING] = constant[sx.DAMPING] * (1.0 + belief.servo[BY_DAMPING] * about[BY_DAMPING])
-    number[BY_DELAY] = constant[sx.DELAY] + belief.servo[BY_DELAY] * about[BY_DELAY]
-    fil.step[STEP_PLACE] = 0.0
+    """Set the servo's numbers from the deviations that the filter is linearised about; the next step is set afresh."""
+    servo, about, constant = fil.servo, fil.servo.about, belief.constant
+    servo.frequency = constant.frequency * (1.0 + belief.servo[BY_FREQUENCY] * about[BY_FREQUENCY])
+    servo.damping = constant.damping * (1.0 + belief.servo[BY_DAMPING] * about[BY_DAMPING])
+    servo.delay = constant.delay + belief.servo[BY_DELAY] * about[BY_DELAY]
+    fil.step.h = 0.0
 
 
 # ---- a step
@@ -145,34 +132,34 @@ def fill_response(constant, frequency, damping, h, left, work, step, out):
     """The effect of beta, beta_dot and command over a step: rows (theta, theta_dot) per unit of k1, beta, beta_dot.
 
     h, left [s]  in   the step, and what is left of it when the command changes
-    step (N_STEP,), out (4, 4)  out
+    step, out (4, 4)  out
     """
-    late = work.late[0]
+    late = work.late
     set_step(constant, frequency, damping, h, work, step)
     set_step(constant, frequency, damping, left, work, late)
     for j in range(3):
-        out[0, j], out[1, j] = step[J2 + j], step[J1 + j]
+        out[0, j], out[1, j] = step.twice[j], step.once[j]
     for i in range(2):
-        out[2 + i, SERVO_BETA], out[2 + i, SERVO_BETA_DOT] = step[PHI + 2 * i], step[PHI + 2 * i + 1]
-        out[2 + i, SERVO_COMMAND], out[2 + i, SERVO_CHANGE] = step[PATH_PLACE + i], late[PATH_PLACE + i]
-    out[0, SERVO_CHANGE], out[1, SERVO_CHANGE] = late[J2 + 2], late[J1 + 2]
+        out[2 + i, SERVO_BETA], out[2 + i, SERVO_BETA_DOT] = step.phi[i, 0], step.phi[i, 1]
+        out[2 + i, SERVO_COMMAND], out[2 + i, SERVO_CHANGE] = step.by_command[i], late.by_command[i]
+    out[0, SERVO_CHANGE], out[1, SERVO_CHANGE] = late.twice[2], late.once[2]
 
 
 @inner
 def left_after_switch(belief, fil, h):
     """Return how much [s] of a step of h [s] is left when the command that is held, `delay` old, changes."""
-    delay = fil.servo.number[BY_DELAY]
-    whole = int(delay / belief.constant[sx.CONTROLLER_PERIOD])
-    return max(h - (delay - whole * belief.constant[sx.CONTROLLER_PERIOD]), 0.0)
+    delay = fil.servo.delay
+    whole = int(delay / belief.constant.controller_period)
+    return max(h - (delay - whole * belief.constant.controller_period), 0.0)
 
 
 @inner
 def set_slopes(belief, fil, work):
     """Derivatives of the response for the deviations d, over a sample period: they only weigh the innovations, so
     other steps have them in proportion."""
-    number, constant = fil.servo.number, belief.constant
-    h, left = constant[sx.CONTROLLER_PERIOD], left_after_switch(belief, fil, constant[sx.CONTROLLER_PERIOD])
-    unit = (constant[sx.FREQUENCY] / number[BY_FREQUENCY], constant[sx.DAMPING], 1.0 / constant[sx.CONTROLLER_PERIOD])
+    servo, constant = fil.servo, belief.constant
+    h, left = constant.controller_period, left_after_switch(belief, fil, constant.controller_period)
+    unit = (constant.frequency / servo.frequency, constant.damping, 1.0 / constant.controller_period)
     for j in range(belief.size.servo):
         slope = fil.servo.response[1 + j]
         slope[:, :] = 0.0
@@ -180,10 +167,10 @@ def set_slopes(belief, fil, work):
             continue
         for side in range(2):
             d = SERVO_DIFFERENCE if side == 0 else -SERVO_DIFFERENCE
-            frequency = number[BY_FREQUENCY] * (1.0 + d) if j == BY_FREQUENCY else number[BY_FREQUENCY]
-            damping = number[BY_DAMPING] + d if j == BY_DAMPING else number[BY_DAMPING]
-            later = d * constant[sx.CONTROLLER_PERIOD] if j == BY_DELAY else 0.0
-            fill_response(constant, frequency, damping, h, max(left - later, 0.0), work, work.late[1], work.moved[:])
+            frequency = servo.frequency * (1.0 + d) if j == BY_FREQUENCY else servo.frequency
+            damping = servo.damping + d if j == BY_DAMPING else servo.damping
+            later = d * constant.controller_period if j == BY_DELAY else 0.0
+            fill_response(constant, frequency, damping, h, max(left - later, 0.0), work, work.other, work.moved[:])
             scale = belief.servo[j] * unit[j] / (2.0 * d)
             for i in range(sx.N_STATES):
                 for k in range(sx.N_STATES):
@@ -194,15 +181,15 @@ def set_slopes(belief, fil, work):
 def set_servo_step(block):
     """Set the constants of the next time step for the servo as estimated, and its slopes if that moved."""
     belief, fil, work = block[0].fixed.belief, block[0].state.filter, block[0].work.filter
-    number = fil.servo.number
-    if fil.step[STEP_PLACE] == 0.0:
+    servo = fil.servo
+    if fil.step.h == 0.0:
         set_slopes(belief, fil, work)
-    h = number[NEXT_STEP]
-    fill_response(belief.constant, number[BY_FREQUENCY], number[BY_DAMPING], h, left_after_switch(belief, fil, h), work,
+    h = servo.next_step
+    fill_response(belief.constant, servo.frequency, servo.damping, h, left_after_switch(belief, fil, h), work,
                   fil.step, fil.servo.response[0])
-    missing = belief.constant[sx.MISSING]
+    missing = belief.constant.missing
     if missing > 0.0:
-        set_step(belief.constant, number[BY_FREQUENCY], number[BY_DAMPING], missing * h, work, fil.missed)
+        set_step(belief.constant, servo.frequency, servo.damping, missing * h, work, fil.missed)
 
 
 @inner
@@ -213,10 +200,10 @@ def drive_servo(belief, fil, work, k1, u, change):
     then says nothing of the servo.
     """
     x = fil.x
-    is_known = belief.constant[sx.MISSING] == 0.0 and not np.isnan(change)
+    is_known = belief.constant.missing == 0.0 and not np.isnan(change)
     for j in range(belief.size.servo):
         response = fil.servo.response[1 + j]
-        ratio = 1.0 if j == BY_DELAY else fil.step[STEP_PLACE] / belief.constant[sx.CONTROLLER_PERIOD]
+        ratio = 1.0 if j == BY_DELAY else fil.step.h / belief.constant.controller_period
         for i in range(sx.N_STATES):
             effect = ratio * (response[i, SERVO_BETA] * x[2] + response[i, SERVO_BETA_DOT] * x[3]
                               + response[i, SERVO_COMMAND] * u
@@ -266,8 +253,9 @@ def widen_check(block):
     for c in range(sx.N_CHANNELS):
         if check.seen[c] > 0:
             narrower = 1.0 / math.sqrt(1.0 + doubt_of(belief.size, fil.servo, check.servo[c]) / check.seen[c])
-            for k in range(3):
-                check.mean[c, k] *= narrower
+            check.innovation[c] *= narrower
+            check.for_a6[c] *= narrower
+            check.for_k1[c] *= narrower
         for j in range(belief.size.servo):
             check.servo[c, j] = 0.0
 
@@ -372,8 +360,8 @@ def within_reach(belief, j, d):
     if sigma == 0.0:
         return 0.0
     if j == BY_DELAY:
-        most = (sx.MAX_DELAY_SAMPLES - 2) * constant[sx.CONTROLLER_PERIOD]
-        return min(max(d, -constant[sx.DELAY] / sigma), (most - constant[sx.DELAY]) / sigma)
+        most = (sx.MAX_DELAY_SAMPLES - 2) * constant.controller_period
+        return min(max(d, -constant.delay / sigma), (most - constant.delay) / sigma)
     return min(max(d, (LEAST_FACTOR - 1.0) / sigma), (MOST_FACTOR - 1.0) / sigma)
 
 
@@ -386,15 +374,15 @@ def relinearise_servo(block):
     """
     belief, fil, work = block[0].fixed.belief, block[0].state.filter, block[0].work.acc
     size, servo = belief.size, fil.servo
-    at, number, square, far, away = size.servo_at, servo.number, 0.0, 0.0, False
+    at, square, far, away = size.servo_at, 0.0, 0.0, False
     for j in range(size.servo):
         step = within_reach(belief, j, servo.mean[j]) - servo.about[j]
         away = away or abs(step) > SETTLED_SIGMAS * std_of(size, servo, j)
     if not away:
         return
-    time = belief.constant[sx.TIME_CONSTANT]
-    speed = 1.0 / time if time > 0.0 else number[BY_FREQUENCY]
-    unit = (1.0, belief.constant[sx.DAMPING], speed)
+    time = belief.constant.time_constant
+    speed = 1.0 / time if time > 0.0 else servo.frequency
+    unit = (1.0, belief.constant.damping, speed)
     for j in range(size.servo):
         if belief.servo[j] == 0.0:
             continue

@@ -2,16 +2,6 @@
 
 from ..kernels import inner
 
-# constant (f8)
-(FREQUENCY, DAMPING, TIME_CONSTANT, DELAY, CONTROLLER_PERIOD, MISSING, HELD, AIRY, TURBULENCE_TIME, GAMMA_STD, LEAN,
- GYRO_SCALE,
- COMMAND_GAIN, COMMAND_OFFSET, OFFSET, SATURATION, AERO_DAMPING, BLOCK_SHARE) = (*range(15), 17, 20, 21)
-# MISSING: share of the time between two samples with a command that no sample holds
-# HELD: 1: the gains are the nominal's, whatever a6 and k1 are believed to be (a model with wind levels)
-# AIRY: 1: there is a forecast, a drift or a known acceleration in time;  LEAN: known thrust misalignment
-# OFFSET, SATURATION: known offsets and end stops of theta, theta_dot, beta;  AERO_DAMPING: known, 1/s
-# BLOCK_SHARE: how long a block is over `filtered.BLOCK`: 1 but for whole samples, more where one lasts longer
-N_CONSTANTS = BLOCK_SHARE + 1
 # a relative deviation from the nominal
 A6, K1 = range(2)
 # what is believed of them (f8): means, variances and covariance
@@ -69,17 +59,6 @@ N_TESTS = 4     # slopes of a6 and k1; what no model has: an acceleration that s
 SLOPE_A6, SLOPE_K1, MOMENT_TEST, GYRO_TEST = range(4)
 N_SLOPES = 2
 MAX_DELAY_SAMPLES = 64
-
-# time (f8)
-LAST, RUNNING, FIRST = range(3)  # stamp of the last sample [s]; 1 if there was one in this segment; the first of all
-N_TIME = 3
-
-# note (i8): what the filter did of its own accord since the start
-OUTLIERS, RESTARTS, LEVEL_CLAMPS, SEGMENTS, WITHDRAWN_CHANGES = range(5)
-N_NOTES = 5
-
-# path (f8): flight-path angle at the last stamp [rad]
-GAMMA_NOW = 0
 
 # process noise (index of the command's and the acceleration's levels)
 COMMAND_NOISE, ACCELERATION_NOISE = 3, 4

@@ -21,7 +21,6 @@ import numpy as np
 from ..kernels import inner
 from . import ring as rb
 
-CONTROL, CARRIED = range(2)
 GROUP = 64     # words: the bits of a word, so that no two of a group are turned alike
 
 
@@ -77,10 +76,15 @@ def fold_words(words):
 
 @inner
 def seal_control(clock, counts):
-    """Seal of the clock (N_CLOCK,) and of the counts that place samples and close windows, counts[:COUNT_FIRST]."""
-    seal = fold(clock, rb.N_CLOCK)
-    for k in range(rb.COUNT_FIRST):
-        seal = seal_integer(seal, counts[k], rb.N_CLOCK + k)
+    """Seal of the clock and of the counts that place samples and close windows: all but the counts of answers."""
+    stamps = (clock.first, clock.last, clock.candidate, clock.closed, clock.turned, clock.before)
+    places = (counts.head, counts.rows, counts.closed_rows, counts.closed_back, counts.started, counts.index,
+              counts.candidates, counts.waiting, counts.estimates, counts.stuck, counts.wraps)
+    seal = 0
+    for k in range(len(stamps)):
+        seal = seal_double(seal, stamps[k], k)
+    for k in range(len(places)):
+        seal = seal_integer(seal, places[k], len(stamps) + k)
     return seal
 
 
@@ -94,9 +98,9 @@ def is_row_whole(ring, seals, at):
 def is_control_whole(state, capacity):
     """Whether clock and counts are as they were left, and within a ring of so many rows."""
     counts = state.counts
-    within = 0 <= counts[rb.HEAD] < capacity and 0 <= counts[rb.ROWS] < capacity
-    within = within and 0 <= counts[rb.CLOSED_ROWS] < capacity and 0 <= counts[rb.CLOSED_BACK] <= 1
-    return within and counts[rb.WAITING] >= 0 and seal_control(state.clock, counts) == state.guard[CONTROL]
+    within = 0 <= counts.head < capacity and 0 <= counts.rows < capacity
+    within = within and 0 <= counts.closed_rows < capacity and 0 <= counts.closed_back <= 1
+    return within and counts.waiting >= 0 and seal_control(state.clock, counts) == state.guard.control
 
 
 @inner
@@ -110,18 +114,18 @@ def take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot
         code = rb.gate(fixed.limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
         if code == rb.ACCEPTED:
             return rb.RECOVERED
-        counts[rb.COUNT_FIRST + code - rb.BUSY] += 1
+        counts.answers[code - rb.BUSY] += 1
         return code
-    newest = counts[rb.HEAD]
+    newest = counts.head
     code = rb.push(fixed.limits, state.clock, counts, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code >= 0:
         seals[newest] = fold(ring[newest], rb.N_COLUMNS)
-    state.guard[CONTROL] = seal_control(state.clock, counts)
+    state.guard.control = seal_control(state.clock, counts)
     return code
 
 
 @inner
 def give_up(counts, code):
     """Memory is damaged after the sample was taken and counted as `code`: RECOVERED."""
-    counts[rb.COUNT_FIRST + code - rb.BUSY] -= 1
+    counts.answers[code - rb.BUSY] -= 1
     return rb.RECOVERED

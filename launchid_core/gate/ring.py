@@ -17,25 +17,7 @@ T, THETA, THETA_DOT, BETA, THETA_DDOT, BETA_CMD, GAMMA = range(7)
 N_COLUMNS = 7
 ATTACK = GAMMA  # of a copied window: `rows.fill_attack` leaves the angle of attack where gamma was
 
-# limits (f8): what the gate and the window logic compare with
-PERIOD, WINDOW, MAX_GAP = range(3)
-LIMIT_FIRST = 3  # limits[LIMIT_FIRST + column] is the range of that column
-N_LIMITS = LIMIT_FIRST + N_COLUMNS
-
-# clock (f8): what persists between samples
-T_FIRST, T_LAST, T_CANDIDATE, T_CLOSED, TURNED, BEFORE = range(6)
-# T_CLOSED: t_start of the window that just closed; TURNED [rad]: whole turns added to theta; BEFORE [rad]: the last
-# theta as it was measured
-N_CLOCK = 6
-
-# count (i8)
-HEAD, ROWS, CLOSED_ROWS, CLOSED_BACK, STARTED, INDEX, CANDIDATES, WAITING, ESTIMATES, STUCK_ROWS, WRAPS = range(11)
-# WAITING: samples in the ring that were not used yet; ESTIMATES: 1 once a window has closed
-# STUCK_ROWS: windows with a sensor that stood still; WRAPS: jumps of theta across +-pi that were undone
-COUNT_FIRST = 11  # count[COUNT_FIRST + status - Status.BUSY] counts that answer
 N_STATUS = len(Status)
-N_COUNT = COUNT_FIRST + N_STATUS
-N_GUARD = 2  # seals beside those of the rows: guard.CONTROL, guard.CARRIED
 
 (ACCEPTED, WINDOW_COMPLETE, AFTER_GAP, CLOCK_RESET, RECOVERED, NONFINITE, RANGE, DT_ZERO, DT_NEGATIVE,
  BUSY) = map(int, Status)
@@ -56,11 +38,11 @@ def gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
         return NONFINITE
     if np.isinf(theta_dot) or np.isinf(theta_ddot) or np.isinf(beta_cmd) or np.isinf(gamma):
         return NONFINITE
-    if not (abs(t) <= limits[LIMIT_FIRST] and abs(theta) <= limits[LIMIT_FIRST + THETA]
-            and abs(beta) <= limits[LIMIT_FIRST + BETA]):
+    if not (abs(t) <= limits.largest[T] and abs(theta) <= limits.largest[THETA]
+            and abs(beta) <= limits.largest[BETA]):
         return RANGE
-    if (abs(theta_dot) > limits[LIMIT_FIRST + THETA_DOT] or abs(theta_ddot) > limits[LIMIT_FIRST + THETA_DDOT]
-            or abs(beta_cmd) > limits[LIMIT_FIRST + BETA_CMD] or abs(gamma) > limits[LIMIT_FIRST + GAMMA]):
+    if (abs(theta_dot) > limits.largest[THETA_DOT] or abs(theta_ddot) > limits.largest[THETA_DDOT]
+            or abs(beta_cmd) > limits.largest[BETA_CMD] or abs(gamma) > limits.largest[GAMMA]):
         return RANGE
     return ACCEPTED
 
@@ -68,82 +50,82 @@ def gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
 @inner
 def judge_time(limits, clock, count, t):
     """ACCEPTED, AFTER_GAP, CLOCK_RESET, DT_ZERO or DT_NEGATIVE for a stamp; follows an earlier clock's stamps."""
-    if count[STARTED] == 0:
+    if count.started == 0:
         return ACCEPTED
-    dt = t - clock[T_LAST]
-    if abs(dt) <= SAME_INSTANT * limits[PERIOD]:
+    dt = t - clock.last
+    if abs(dt) <= SAME_INSTANT * limits.period:
         return DT_ZERO
     if dt > 0.0:
-        count[CANDIDATES] = 0
-        return AFTER_GAP if dt > limits[MAX_GAP] else ACCEPTED
-    step = t - clock[T_CANDIDATE]
-    agrees = count[CANDIDATES] > 0 and 0.0 < step <= limits[MAX_GAP]
-    count[CANDIDATES] = count[CANDIDATES] + 1 if agrees else 1
-    clock[T_CANDIDATE] = t
-    return CLOCK_RESET if count[CANDIDATES] >= RESET_COUNT else DT_NEGATIVE
+        count.candidates = 0
+        return AFTER_GAP if dt > limits.max_gap else ACCEPTED
+    step = t - clock.candidate
+    agrees = count.candidates > 0 and 0.0 < step <= limits.max_gap
+    count.candidates = count.candidates + 1 if agrees else 1
+    clock.candidate = t
+    return CLOCK_RESET if count.candidates >= RESET_COUNT else DT_NEGATIVE
 
 
 @inner
 def close_window(limits, clock, count, back):
     """Mark the rows of the current window as closed; `back` of the newest ring rows are not its own."""
-    clock[T_CLOSED] = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
-    count[CLOSED_ROWS] = count[ROWS]
-    count[CLOSED_BACK] = back
-    count[ROWS] = 0
+    clock.closed = clock.first + count.index * limits.window
+    count.closed_rows = count.rows
+    count.closed_back = back
+    count.rows = 0
 
 
 @inner
 def centre_of(fixed, state):
     """The closed window's centre [s]."""
-    return state.clock[T_CLOSED] + 0.5 * fixed.limits[WINDOW]
+    return state.clock.closed + 0.5 * fixed.limits.window
 
 
 @inner
 def seek_window(limits, clock, count, t):
     """Close the current window if t lies past its end, and move to the window that holds t; True if one closed."""
-    slack = SAME_INSTANT * limits[PERIOD]
-    if t < clock[T_FIRST] + (count[INDEX] + 1) * limits[WINDOW] - slack:
+    slack = SAME_INSTANT * limits.period
+    if t < clock.first + (count.index + 1) * limits.window - slack:
         return False
-    closed = count[ROWS] > 0
+    closed = count.rows > 0
     if closed:
         close_window(limits, clock, count, 1)
-    count[INDEX] = int(np.floor((t - clock[T_FIRST] + slack) / limits[WINDOW]))
+    count.index = int(np.floor((t - clock.first + slack) / limits.window))
     return closed
 
 
 @inner
 def unwrap(clock, count, theta, anew):
     """theta [rad] with the whole turns that a jump across +-pi hides; `anew`: turns before a gap are not known."""
-    before = clock[BEFORE]
-    clock[BEFORE] = theta
+    before = clock.before
+    clock.before = theta
     if anew:
-        clock[TURNED] = 0.0
+        clock.turned = 0.0
     elif before * theta < 0.0 and abs(abs(before) - HALF_TURN) < SEAM and abs(abs(theta) - HALF_TURN) < SEAM:
-        clock[TURNED] += TURN if before > 0.0 else -TURN
-        count[WRAPS] += 1
-    return theta if clock[TURNED] == 0.0 else theta + clock[TURNED]
+        clock.turned += TURN if before > 0.0 else -TURN
+        count.wraps += 1
+    return theta if clock.turned == 0.0 else theta + clock.turned
 
 
 @inner
 def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.
 
-    After WINDOW_COMPLETE the closed window's rows are the count[CLOSED_ROWS] newest in the ring but for the newest
-    count[CLOSED_BACK].
+    After WINDOW_COMPLETE the closed window's rows are the count.closed_rows newest in the ring but for the newest
+    count.closed_back.
     """
     code = gate(limits, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code == ACCEPTED:
         code = judge_time(limits, clock, count, t)
     if code < 0:
-        count[COUNT_FIRST + code - BUSY] += 1
+        count.answers[code - BUSY] += 1
         return code
-    first = count[STARTED] == 0
+    first = count.started == 0
     if first or code == CLOCK_RESET:
-        clock[T_FIRST], count[STARTED] = t, 1  # window 0 begins
-        count[INDEX], count[ROWS], count[CANDIDATES] = 0, 0, 0
+        clock.first, count.started = t, 1  # window 0 begins
+        count.index, count.rows, count.candidates = 0, 0, 0
     complete = seek_window(limits, clock, count, t)
 
-    head = count[HEAD]
+    head = count.head
     row = ring[head]
     row[T] = t
     row[THETA] = unwrap(clock, count, theta, code != ACCEPTED or first)
@@ -152,28 +134,28 @@ def push(limits, clock, count, ring, t, theta, theta_dot, beta, theta_ddot, beta
     row[THETA_DDOT] = theta_ddot
     row[BETA_CMD] = beta_cmd
     row[GAMMA] = gamma
-    count[HEAD] = head + 1 if head + 1 < ring.shape[0] else 0
-    count[WAITING] += 1
-    clock[T_LAST] = t
+    count.head = head + 1 if head + 1 < ring.shape[0] else 0
+    count.waiting += 1
+    clock.last = t
 
-    slack = SAME_INSTANT * limits[PERIOD]
-    t_start = clock[T_FIRST] + count[INDEX] * limits[WINDOW]
+    slack = SAME_INSTANT * limits.period
+    t_start = clock.first + count.index * limits.window
     if t >= t_start - slack:  # else it came after its window had closed
-        count[ROWS] = min(count[ROWS] + 1, ring.shape[0] - 1)
-    if not complete and t + LAST_SAMPLE * limits[PERIOD] > t_start + limits[WINDOW]:
+        count.rows = min(count.rows + 1, ring.shape[0] - 1)
+    if not complete and t + LAST_SAMPLE * limits.period > t_start + limits.window:
         close_window(limits, clock, count, 0)
-        count[INDEX] += 1
+        count.index += 1
         complete = True
     if complete:
         code = WINDOW_COMPLETE
-    count[COUNT_FIRST + code - BUSY] += 1
+    count.answers[code - BUSY] += 1
     return code
 
 
 @inner
 def place_of_row(count, ring, k):
     """The place of row k of the closed window in the ring."""
-    at = count[HEAD] - count[CLOSED_BACK] - count[CLOSED_ROWS] + k
+    at = count.head - count.closed_back - count.closed_rows + k
     return at if at >= 0 else at + ring.shape[0]
 
 
@@ -184,7 +166,7 @@ def copy_window(ring, count, saturation, signal):
     saturation (7,) in  end stop of each column, inf: none;  signal (7, m) out  one row a column of the ring
     Returns how many were copied and how many left out.
     """
-    n, left_out = count[CLOSED_ROWS], 0
+    n, left_out = count.closed_rows, 0
     for row in range(n):
         source = ring[place_of_row(count, ring, row)]
         saturated = False

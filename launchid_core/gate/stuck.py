@@ -9,7 +9,6 @@ the nozzle.  A nozzle without a logged command is not judged (it may be held), n
 import numpy as np
 
 from ..kernels import inner
-from . import ring as rb
 from .ring import BETA, BETA_CMD, THETA, THETA_DOT, T, place_of_row
 
 MIN_REPEATS = 5       # repeats: below it no sensor is called stuck
@@ -17,9 +16,6 @@ IMPROBABLE = 1.0e-12  # once in 300 years at 100 Hz
 QUANTUM_STEPS = 3.0   # of the channel's smallest: a quantised value is off by half a step
 NEW_WEIGHT = 0.1      # weight of a window's share of repeats: the last ten windows
 N_WATCHED = 3         # theta, theta_dot, beta
-# learned (f8) of a channel: share of repeats; smallest step between neighbours, 0 before there was one
-REPEAT_SHARE, SMALLEST_STEP = range(2)
-N_LEARNED = 2
 
 
 @inner
@@ -27,7 +23,7 @@ def longest_run(ring, counts, column, stop):
     """(repeats in the longest run, its last row, repeats in all, smallest step) of a channel in the closed window."""
     run, longest, end, repeats, smallest = 0, 0, 0, 0, np.inf
     before = ring[place_of_row(counts, ring, 0), column]
-    for k in range(1, counts[rb.CLOSED_ROWS]):
+    for k in range(1, counts.closed_rows):
         now = ring[place_of_row(counts, ring, k), column]
         if before == now and (stop == np.inf or abs(now) < stop):  # at its end stop it may stand still
             run += 1
@@ -60,21 +56,22 @@ def contradiction(ring, counts, column, first, last):
 
 
 @inner
-def is_stuck(ring, counts, learned, column, stop):
-    """Whether a channel stood still in the closed window; what it is like otherwise is learned."""
+def is_stuck(ring, counts, learned, channel, stop):
+    """Whether a channel stood still in the closed window; what it is like otherwise is learned.  learned  Repeats"""
+    column = THETA + channel
     run, last, repeats, smallest = longest_run(ring, counts, column, stop)
-    rows = counts[rb.CLOSED_ROWS]
-    share, chance = max((repeats - run + 1.0) / (rows - run + 1.0), learned[REPEAT_SHARE]), 1.0
+    rows = counts.closed_rows
+    share, chance = max((repeats - run + 1.0) / (rows - run + 1.0), learned.share[channel]), 1.0
     if run >= MIN_REPEATS:
         for _ in range(run):
             chance *= share
-    if learned[SMALLEST_STEP] > 0.0 and chance < IMPROBABLE:
-        if contradiction(ring, counts, column, last - run, last) > QUANTUM_STEPS * learned[SMALLEST_STEP]:
+    if learned.step[channel] > 0.0 and chance < IMPROBABLE:
+        if contradiction(ring, counts, column, last - run, last) > QUANTUM_STEPS * learned.step[channel]:
             return True
     if rows > 1:
-        learned[REPEAT_SHARE] += NEW_WEIGHT * (repeats / (rows - 1.0) - learned[REPEAT_SHARE])
+        learned.share[channel] += NEW_WEIGHT * (repeats / (rows - 1.0) - learned.share[channel])
     if np.isfinite(smallest):
-        learned[SMALLEST_STEP] = min(smallest, learned[SMALLEST_STEP]) if learned[SMALLEST_STEP] > 0.0 else smallest
+        learned.step[channel] = min(smallest, learned.step[channel]) if learned.step[channel] > 0.0 else smallest
     return False
 
 
@@ -83,6 +80,6 @@ def stands_still(ring, counts, learned, stops):
     """Whether any channel stood still in the closed window; counted.  stops (>=3,): of theta, theta_dot, beta"""
     stuck = False
     for k in range(N_WATCHED):
-        stuck = is_stuck(ring, counts, learned[k], THETA + k, stops[k]) or stuck
-    counts[rb.STUCK_ROWS] += int(stuck)
+        stuck = is_stuck(ring, counts, learned, k, stops[k]) or stuck
+    counts.stuck += int(stuck)
     return stuck

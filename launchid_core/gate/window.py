@@ -8,14 +8,6 @@ from ..status import EstimateStatus
 EQUATIONS = 3  # theta_dot, theta_ddot, beta_dot
 THETA_REPEATS = 1  # the equation that a6 and k1 live in
 
-# number (f8) of an outcome
-O_A6, O_K1, O_A6_STD, O_K1_STD, O_CORRELATION, O_A6_DOT, O_K1_DOT, O_A6_BOUND, O_K1_BOUND, O_CONDITION, O_WHITENESS = (
-    range(11))
-N_WINDOW_NUMBERS = 11
-# flag (i8) of an outcome: an EstimateStatus, rows used, gaps inside the window
-STATUS, USED, GAPS_SEEN = range(3)
-N_WINDOW_FLAGS = 3
-
 OK, SHORT, GAP, RANK, LOW_INFORMATION, SATURATED, NUMERICS, MODEL, SEPARATION, STUCK, _ = map(int, EstimateStatus)
 
 INTERVAL = 1.96        # standard deviations of a 95 % limit
@@ -39,9 +31,19 @@ def knows_one_direction(a6, k1, correlation):
 @inner
 def clear_outcome(out, status):
     """No estimate, for the reason `status`."""
-    out.number[:] = np.nan
+    out.a6 = np.nan
+    out.k1 = np.nan
+    out.a6_std = np.nan
+    out.k1_std = np.nan
+    out.correlation = np.nan
+    out.a6_dot = np.nan
+    out.k1_dot = np.nan
+    out.a6_bound = np.nan
+    out.k1_bound = np.nan
+    out.condition = np.nan
+    out.whiteness = np.nan
     out.xi[:, :] = np.nan
     out.support[:, :] = 0
     out.std[:] = np.nan
     out.absent[:] = np.nan
-    out.flag[STATUS] = status
+    out.status = status

@@ -18,9 +18,8 @@ from ..filter import states as sx
 from ..filter.filtered import BLOCK, LEVEL_PRIOR, WIND_PRIOR
 from ..gate import ring as rb
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, SPREADS, WIND_NOISES, Model
-from ..regression import rows as pl
 from . import table as tb
-from .table import CARRIED_FROM, FIXED, I8, LARGEST_SIZE, STATE, Extent, Size, Struct
+from .table import CARRIED_FROM, FIXED, I8, LARGEST_SIZE, SIZE, STATE, Extent, Size, Struct
 
 
 def extents(shape: tuple[Extent, ...], size: Mapping[str, int]) -> tuple[int, ...]:
@@ -43,31 +42,47 @@ def dtype_of(struct: Struct) -> "np.dtype[Any]":
 
 @cache
 def members_of(struct: Struct) -> type[tuple[Any, ...]]:
-    """The named tuple of a struct's arrays and structs."""
+    """The named tuple of a struct's arrays, numbers and structs.
+
+    Its elements are views; the name of a number reads and writes the number itself, as in a kernel.
+    """
     made: type[tuple[Any, ...]] = namedtuple(struct.name, [line.name for line in struct.lines])  # type: ignore[misc]
     made.__doc__ = struct.about
+    for place, line in enumerate(struct.lines):
+        if line.is_number:
+            setattr(made, line.name, _number(place))
     return made
 
 
-def members(struct: Struct, block: np.ndarray, size: Size) -> Any:
-    """Views of a block (1,) by their names, as much as is in use.
+def _number(place: int) -> property:
+    """The number that a named tuple has a view of at this place."""
+    def read(self: tuple[Any, ...]) -> Any:
+        return self[place][()]
 
-    Numbers of `Size` are integers; everything else is a view, in which Python reads and writes the same memory.
-    """
+    def write(self: tuple[Any, ...], value: float) -> None:
+        self[place][()] = value
+
+    return property(read, write)
+
+
+def members(struct: Struct, block: np.ndarray, size: Size) -> Any:
+    """Views of a block (1,) by their names, as much as is in use; `Size` itself, whose integers never change."""
+    if struct is SIZE:
+        return Size(*block[0].tolist())
     values: list[Any] = []
     for line in struct.lines:
         part = block[line.name]
         if isinstance(line.kind, Struct):
             values.append(members(line.kind, part, size))
-        elif not line.shape:
-            values.append(int(part[0]))
+        elif line.is_number:
+            values.append(part.reshape(()))
         else:
             values.append(part[0][tuple(map(slice, extents(line.shape, size._asdict())))])
     return members_of(struct)(*values)
 
 
 def named_arrays(value: Any, prefix: str = "") -> Iterator[tuple[str, np.ndarray]]:
-    """Every array of a nest of named tuples, by its dotted name."""
+    """Every array and number of a nest of named tuples, by its dotted name."""
     if isinstance(value, np.ndarray):
         yield prefix, value
     elif isinstance(value, tuple):
@@ -107,7 +122,7 @@ def size_of(config: Config) -> Size:
                           structured=int(q > 2),
                           ranged=int(bool(model.sigma_t)))
     return tb.size_of(q, integral=int(config.formulation == "integral"), solver=SOLVERS.index(config.solver),
-                      by_share=int(_thresholds(config)[pl.OWN_SHARE] > 0.0))
+                      by_share=int(_thresholds(config)[1] > 0.0))
 
 
 def allocate(config: Config) -> Memory:
@@ -129,9 +144,9 @@ def allocate(config: Config) -> Memory:
     words = block.view(np.int64)[carried // I8.itemsize:(begin + state.itemsize) // I8.itemsize]
     memory = Memory(size, struct, block, words, members(struct, block, size), apart)
     limits = memory.parts.fixed.limits
-    limits[rb.PERIOD], limits[rb.WINDOW], limits[rb.MAX_GAP] = config.sample_period, config.window, config.max_gap
-    limits[rb.LIMIT_FIRST:] = (config.t_limit, config.theta_limit, config.theta_dot_limit, config.beta_limit,
-                               config.theta_ddot_limit, config.beta_cmd_limit, config.gamma_limit)
+    limits.period, limits.window, limits.max_gap = config.sample_period, config.window, config.max_gap
+    limits.largest[:] = (config.t_limit, config.theta_limit, config.theta_dot_limit, config.beta_limit,
+                         config.theta_ddot_limit, config.beta_cmd_limit, config.gamma_limit)
     if config.model is not None and struct is tb.FILTERED:
         _fill_filtered(config, config.model, memory)
     else:
@@ -154,14 +169,25 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
     profile, sigma = memory.apart["profile"], memory.apart["sigma"]
     profile[:] = np.transpose([model.profile_t, model.profile_a6, model.profile_k1])
     sigma[:] = np.transpose([model.sigma_t, model.sigma_a6, model.sigma_k1])
-    belief.constant[:] = (model.natural_frequency, model.damping_ratio, model.time_constant, model.delay,
-                          config.sample_period, config.missing_commands,
-                          float(model.walk > 0.0 or model.turbulence > 0.0),
-                          float(bool(_air_times(model))), model.turbulence_time, model.gamma_std, model.known_lean,
-                          model.gyro_scale, model.command_gain, model.command_offset,
-                          model.known_theta, model.known_theta_dot, model.known_beta,
-                          config.theta_saturation, config.theta_dot_saturation, config.beta_saturation,
-                          model.known_damping, block_samples(config) * config.sample_period / BLOCK)
+    constant = belief.constant
+    constant.frequency = model.natural_frequency
+    constant.damping = model.damping_ratio
+    constant.time_constant = model.time_constant
+    constant.delay = model.delay
+    constant.controller_period = config.sample_period
+    constant.missing = config.missing_commands
+    constant.held = float(model.walk > 0.0 or model.turbulence > 0.0)
+    constant.airy = float(bool(_air_times(model)))
+    constant.turbulence_time = model.turbulence_time
+    constant.gamma_std = model.gamma_std
+    constant.lean = model.known_lean
+    constant.gyro_scale = model.gyro_scale
+    constant.command_gain = model.command_gain
+    constant.command_offset = model.command_offset
+    constant.offset[:] = model.known_theta, model.known_theta_dot, model.known_beta
+    constant.saturation[:] = config.theta_saturation, config.theta_dot_saturation, config.beta_saturation
+    constant.aero_damping = model.known_damping
+    constant.block_share = block_samples(config) * config.sample_period / BLOCK
     belief.variance[:] = model.variances(config.sample_period)
     belief.prior[:], belief.prior[N_NOISES:] = LEVEL_PRIOR, WIND_PRIOR
     _fill_nuisances(model, belief, memory.apart["air"])
@@ -170,9 +196,9 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
     belief.known_codes[:] = term_codes(tuple(name for name, _ in model.known_terms))
     belief.known_coefficient[:] = [coefficient for _, coefficient in model.known_terms]
     belief.sines[:] = np.reshape(model.sines, (-1, 3))
-    belief.cubic[:] = model.known_cubic
+    belief.cubic = model.known_cubic
     belief.command[:] = (model.backlash, model.command_lag, model.washout)
-    option[pl.ESTIMATE_LEVELS], option[pl.LEAST_SAMPLES] = int(config.noise == "estimated"), enough(config)
+    option.estimate_levels, option.least_samples = int(config.noise == "estimated"), enough(config)
 
 
 def _air_times(model: Model) -> tuple[float, ...]:
@@ -214,13 +240,13 @@ def _fill_regression(config: Config, fixed: Any) -> None:
     fixed.codes[:] = term_codes(config.terms)
     fixed.centred[:] = centred_variables(fixed.codes)
     plan = fixed.plan
-    plan[pl.KEEP], plan[pl.ENOUGH] = config.kept_rows, enough(config)
-    plan[pl.TERM_A6], plan[pl.TERM_K1] = place("theta"), place("beta")
-    plan[pl.TERM_A6_DOT], plan[pl.TERM_K1_DOT] = place("tau*theta"), place("tau*beta")
-    plan[pl.MEASURED] = int(config.formulation == "measured")
-    plan[pl.TERMS_HELD] = int(config.beta_held)
-    fixed.threshold[:] = _thresholds(config)
-    plan[pl.SPARSE] = int(any(fixed.threshold) or config.solver in ("sr3", "lasso"))
+    plan.keep, plan.enough = config.kept_rows, enough(config)
+    plan.term[0], plan.term[1] = place("theta"), place("beta")
+    plan.slope[0], plan.slope[1] = place("tau*theta"), place("tau*beta")
+    plan.measured = int(config.formulation == "measured")
+    plan.held = int(config.beta_held)
+    fixed.threshold.raw, fixed.threshold.own_share = _thresholds(config)
+    plan.sparse = int(any(_thresholds(config)) or config.solver in ("sr3", "lasso"))
     fixed.saturation[:] = math.inf
     fixed.saturation[rb.THETA], fixed.saturation[rb.THETA_DOT] = config.theta_saturation, config.theta_dot_saturation
     fixed.saturation[rb.BETA] = config.beta_saturation

@@ -23,7 +23,6 @@ from ..gate.guard import fold_words, mixed, seal_integer
 from ..gate.stuck import stands_still
 from ..kernels import inner, kernel
 from ..model import TURBULENCE
-from ..regression.rows import ESTIMATE_LEVELS, LEAST_SAMPLES
 from ..watch import changes as ch
 from ..watch import gusts as gu
 from ..watch import report as rp
@@ -50,7 +49,7 @@ def restate_declared(belief, fil, bank, work, dt):
         role = belief.role[k - sx.N_STATES]
         if role == TURBULENCE:
             continue
-        variance = spread_at(belief, fil, k - sx.N_STATES, fil.time[sx.LAST])
+        variance = spread_at(belief, fil, k - sx.N_STATES, fil.time.last)
         known = 1.0 - fil.p[k, k] / variance
         if not known > 0.0:
             continue
@@ -72,12 +71,12 @@ def accept_gust(belief, state, factor, dt):
     """
     gust = state.gust
     a, k = belief.size.gust - 2, belief.size.gust - 1
-    if belief.size.gust == 0 or gust.number[0] <= gu.GUST_PROBABILITY or factor >= log_of(gu.MEAN_CALM / dt):
+    if belief.size.gust == 0 or gust.probability <= gu.GUST_PROBABILITY or factor >= log_of(gu.MEAN_CALM / dt):
         return False
     gu.take_gust(belief, state.filter, state.acc, gust)
     tr.restart_bank(state.bank, gust.mean[a], gust.mean[k], gust.covariance[a, a], gust.covariance[a, k],
                  gust.covariance[k, k] + ch.JUMP_STD * ch.JUMP_STD)
-    state.watch.counts[ch.KEPT_EVENTS] = 0
+    state.watch.counts.kept = 0
     wh.forget_blocks(state.check)
     gu.forget_gust(gust)
     return True
@@ -95,7 +94,7 @@ def restart_window(fixed, state, t):
 @inner
 def seal_carried(state, words, rows):
     """Seal of all that is carried from block to block."""
-    carried, count = mixed(fold_words(words)), state.acc.counts[fl.BLOCK_ROWS]
+    carried, count = mixed(fold_words(words)), state.acc.counts.rows
     count = min(max(count, 0), rows.shape[1])  # it may be damaged
     seal = 0
     for j in range(rows.shape[0]):
@@ -107,17 +106,17 @@ def seal_carried(state, words, rows):
 def check_block(block, ring, seals, rows, words, code):
     """The status `code`, or RECOVERED where what waits in the ring, or is carried on, is not as it was left."""
     state, capacity = block[0].state, ring.shape[0]
-    counts, seen, flag, other = state.counts, state.watch.counts, state.check.flag, state.undeclared.flag
+    counts, seen, check, other = state.counts, state.watch.counts, state.check, state.undeclared
     # every place and count that is carried on lies within its array
-    whole = 0 <= state.acc.counts[fl.BLOCK_ROWS] <= rows.shape[1] and counts[rb.WAITING] <= capacity
-    whole = whole and 0 <= seen[ch.NEXT] < sx.CHANGE_BLOCKS and seen[ch.EVENTS] >= 0
-    whole = whole and 0 <= seen[ch.KEPT_EVENTS] <= sx.CHANGE_BLOCKS
-    whole = whole and 0 <= flag[wh.OLDEST] < sx.CHANGE_BLOCKS and 0 <= flag[wh.BLOCKS_WAITING] <= sx.CHANGE_BLOCKS
-    whole = whole and 0 <= other[un.NEWER] <= 1 and other[un.AGE] >= 0
-    whole = whole and seal_carried(state, words, rows) == state.guard[gd.CARRIED]
+    whole = 0 <= state.acc.counts.rows <= rows.shape[1] and counts.waiting <= capacity
+    whole = whole and 0 <= seen.next < sx.CHANGE_BLOCKS and seen.events >= 0
+    whole = whole and 0 <= seen.kept <= sx.CHANGE_BLOCKS
+    whole = whole and 0 <= check.oldest < sx.CHANGE_BLOCKS and 0 <= check.waiting <= sx.CHANGE_BLOCKS
+    whole = whole and 0 <= other.newer <= 1 and other.age >= 0
+    whole = whole and seal_carried(state, words, rows) == state.guard.carried
     if whole:
-        for back in range(1, counts[rb.WAITING] + 1):
-            whole = whole and gd.is_row_whole(ring, seals, (counts[rb.HEAD] - back) % capacity)
+        for back in range(1, counts.waiting + 1):
+            whole = whole and gd.is_row_whole(ring, seals, (counts.head - back) % capacity)
     return code if whole else gd.give_up(counts, code)
 
 
@@ -131,29 +130,29 @@ def gather(block, ring, rows, profile, air, code):
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     acc, fil, belief, counts = state.acc, state.filter, fixed.belief, state.counts
     complete = code == rb.WINDOW_COMPLETE
-    spare = counts[rb.CLOSED_BACK] if complete else int(code == rb.CLOCK_RESET)
-    max_gap = fixed.limits[rb.MAX_GAP]
-    for back in range(counts[rb.WAITING], spare, -1):
-        row = ring[(counts[rb.HEAD] - back) % ring.shape[0]]
+    spare = counts.closed_back if complete else int(code == rb.CLOCK_RESET)
+    max_gap = fixed.limits.max_gap
+    for back in range(counts.waiting, spare, -1):
+        row = ring[(counts.head - back) % ring.shape[0]]
         anew = begins_anew(belief, fil, row[rb.T], max_gap)
-        full = acc.counts[fl.BLOCK_ROWS] > rows.shape[1] - sx.N_CHANNELS  # no room for another sample's
-        if acc.counts[fl.BLOCK_ROWS] > 0 and (full or (anew and fil.time[sx.RUNNING] == 1.0)):
-            counts[rb.WAITING] = back
+        full = acc.counts.rows > rows.shape[1] - sx.N_CHANNELS  # no room for another sample's
+        if acc.counts.rows > 0 and (full or (anew and fil.time.running == 1.0)):
+            counts.waiting = back
             return CLOSE
         if belief.size.servo > 0:
-            h = row[rb.T] - fil.time[sx.LAST]
-            fil.servo.number[sv.NEXT_STEP] = h
-            if not anew and abs(h - fil.step[sv.STEP_PLACE]) > sv.SAME_STEP * h:
-                counts[rb.WAITING] = back
+            h = row[rb.T] - fil.time.last
+            fil.servo.next_step = h
+            if not anew and abs(h - fil.step.h) > sv.SAME_STEP * h:
+                counts.waiting = back
                 return SET_STEP
         if anew:
             gu.forget_gust(state.gust)
-        if acc.counts[fl.BLOCK_ROWS] == 0:
-            acc.start[0] = row[rb.T]
+        if acc.counts.rows == 0:
+            acc.start = row[rb.T]
         fl.filter_sample(belief, profile, air, fil, work.filter, acc, rows, state.check, row, max_gap)
-    counts[rb.WAITING] = spare
-    full = acc.counts[fl.BLOCK_ROWS] > rows.shape[1] - sx.N_CHANNELS
-    return CLOSE if full or (complete and acc.counts[fl.BLOCK_ROWS] > 0) else NOTHING
+    counts.waiting = spare
+    full = acc.counts.rows > rows.shape[1] - sx.N_CHANNELS
+    return CLOSE if full or (complete and acc.counts.rows > 0) else NOTHING
 
 
 @kernel
@@ -168,11 +167,11 @@ def update_servo(block):
     for i in range(belief.size.columns):
         row = work.acc.triangle[i]
         unknown += sv.doubt_of(belief.size, servo, row[belief.size.servo_at:])
-    if unknown / max(acc.counts[fl.BLOCK_ROWS], 1) > sv.UNSETTLED:
+    if unknown / max(acc.counts.rows, 1) > sv.UNSETTLED:
         acc.score[:] = 0.0
         acc.information[:, :] = 0.0
-    if state.check.flag[wh.WHITENESS_RAISED] == 1:
-        sv.fade_servo(belief.size, servo, work.acc, fl.left_after(belief.constant[sx.BLOCK_SHARE], fl.LEVEL_RELAXES))
+    if state.check.raised == 1:
+        sv.fade_servo(belief.size, servo, work.acc, fl.left_after(belief.constant.block_share, fl.LEVEL_RELAXES))
     sv.learn_servo(belief, fil, work.acc)
     sv.solve_servo(belief.size, servo)
 
@@ -183,11 +182,11 @@ def track_block(block):
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     belief, bank, fil, watch = fixed.belief, state.bank, state.filter, state.watch
     dt, _ = fl.span_of(fixed, state)
-    ch.open_onset(belief.size.states, watch, bank.total, state.acc.s_start, state.acc.start[0])
+    ch.open_onset(belief.size.states, watch, bank.total, state.acc.s_start, state.acc.start)
     triangle = work.acc.block
     still = tr.track(bank, work.bank, tr.TRACKER_MEMORY, dt, triangle) - 0.5 * triangle[2, 2] * triangle[2, 2]
     restate_declared(belief, fil, bank, work.bank, dt)
-    newest = (watch.counts[ch.NEXT] - 1) % sx.CHANGE_BLOCKS
+    newest = (watch.counts.next - 1) % sx.CHANGE_BLOCKS
     return gu.follow_gust(belief, fil, state.gust, work.gust[:], work.acc.pair, watch.before[newest], dt, still)
 
 
@@ -201,18 +200,18 @@ def detect_change(block, still):
     dt, t_end = fl.span_of(fixed, state)
     factor, slot, kind = ch.follow_onsets(size.states, watch, work.bank, work.acc.column[:], work.acc.pair, fil.s, dt,
                                        still)
-    if not factor > ch.THRESHOLD or state.check.flag[wh.WHITENESS_RAISED] == 1:
-        newest = watch.event[(watch.counts[ch.EVENTS] - 1) % ch.MAX_EVENTS]
-        settled = watch.counts[ch.EVENTS] > 0 and watch.counts[ch.SINCE] >= ch.SETTLE
-        if settled and newest[ch.E_STAGE] == ch.OPEN:
+    if not factor > ch.THRESHOLD or state.check.raised == 1:
+        event, newest = watch.event, (watch.counts.events - 1) % ch.MAX_EVENTS
+        settled = watch.counts.events > 0 and watch.counts.since >= ch.SETTLE
+        if settled and event.stage[newest] == ch.OPEN:
             ch.size_event(watch, newest, bank.total)
-            newest[ch.E_STAGE] = ch.FINAL
-        moved = state.check.flag[wh.WHITENESS_RAISED] == 0 and accept_gust(fixed.belief, state, factor, dt)
+            event.stage[newest] = ch.FINAL
+        moved = state.check.raised == 0 and accept_gust(fixed.belief, state, factor, dt)
         if moved:
             restart_window(fixed, state, t_end)
         return moved
     before = watch.before[slot]
-    blocks = (watch.counts[ch.NEXT] - 1 - slot) % sx.CHANGE_BLOCKS + 1
+    blocks = (watch.counts.next - 1 - slot) % sx.CHANGE_BLOCKS + 1
     wh.drop_blocks(state.check, blocks, t_end)
     ch.raise_alarm(watch, slot, kind, factor, dt, t_end, after)
     fl.jump(fixed.belief, fil, watch.carried[slot], blocks, before[sx.MEAN_A6], before[sx.MEAN_K1], after[sx.MEAN_A6],
@@ -235,9 +234,9 @@ def use_rows(block):
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     acc, fil, belief, bank, quickest = state.acc, state.filter, fixed.belief, state.bank, len(tr.MEMBERS) - 1
     fl.absorb_block(belief.size, acc, work.acc, fil.servo.about[:])
-    if state.check.flag[wh.WHITENESS_RAISED] == 1:
+    if state.check.raised == 1:
         fl.relax_levels(belief, fil, acc)
-    elif fixed.option[ESTIMATE_LEVELS] == 1:
+    elif fixed.option.estimate_levels == 1:
         fl.update_levels(belief, fil, acc, work.acc)
     if belief.size.states > sx.N_STATES:
         fl.relinearise(belief, fil, bank.total[sx.MEAN_A6], bank.total[sx.MEAN_K1])
@@ -251,19 +250,19 @@ def end_block(block):
     fixed, state = block[0].fixed, block[0].state
     acc, fil, bank, check = state.acc, state.filter, state.bank, state.check
     dt, t_end = fl.span_of(fixed, state)
-    if check.flag[wh.BLOCKS_WAITING] >= sx.CHANGE_BLOCKS:  # they have waited long enough
+    if check.waiting >= sx.CHANGE_BLOCKS:  # they have waited long enough
         wh.take_block(check, dt)
-    if wh.judge_model(check, fil.level, state.undeclared.flag[un.FOUND], t_end):
+    if wh.judge_model(check, fil.level, state.undeclared.found, t_end):
         total = bank.total  # what was learned meanwhile is not to be trusted
         first = sx.FIRST_STD * sx.FIRST_STD
         tr.restart_bank(bank, total[sx.MEAN_A6], total[sx.MEAN_K1], first, 0.0, first)
-    if check.flag[wh.BEYOND_CHANCE] == 1:
-        for k in range(min(state.watch.counts[ch.EVENTS], ch.MAX_EVENTS)):  # what began lately was no change
-            event = state.watch.event[k]
-            if event[ch.E_TIME] > t_end - wh.LONGEST_MEMORY and event[ch.E_STAGE] != ch.WITHDRAWN:
-                event[ch.E_STAGE] = ch.WITHDRAWN
-                fil.note[sx.WITHDRAWN_CHANGES] += 1
-    acc.counts[fl.BLOCK_ROWS] = 0
+    if check.beyond_chance == 1:
+        for k in range(min(state.watch.counts.events, ch.MAX_EVENTS)):  # what began lately was no change
+            event = state.watch.event
+            if event.time[k] > t_end - wh.LONGEST_MEMORY and event.stage[k] != ch.WITHDRAWN:
+                event.stage[k] = ch.WITHDRAWN
+                fil.note.withdrawn_changes += 1
+    acc.counts.rows = 0
     fl.begin_block(fixed.belief, fil, acc)
 
 
@@ -292,7 +291,7 @@ def close_block(size, block, rows, profile):
 def take_into_ring(fixed, state, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Gate and ring, as `push_sample`."""
     code = gd.take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
-    due = state.counts[rb.WAITING] >= min(rows.shape[1] // sx.N_CHANNELS, TOGETHER)
+    due = state.counts.waiting >= min(rows.shape[1] // sx.N_CHANNELS, TOGETHER)
     if 0 <= code < rb.RECOVERED and (due or code == rb.WINDOW_COMPLETE or code == rb.CLOCK_RESET):
         return code + rb.DUE
     return code
@@ -327,21 +326,21 @@ def push_until_due(block, ring, seals, rows, samples, at):
 def solve_closed(block, ring, profile):
     """The closed window's own estimate into the outcome."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    acc, out, t = state.acc, state.outcome, state.filter.time[sx.LAST]
-    stuck = stands_still(ring, state.counts, state.repeats, fixed.belief.constant[sx.SATURATION:sx.AERO_DAMPING])
+    acc, out, t = state.acc, state.outcome, state.filter.time.last
+    stuck = stands_still(ring, state.counts, state.repeats, fixed.belief.constant.saturation)
     wn.clear_outcome(out, wn.OK)
-    out.flag[wn.USED] = acc.counts[fl.SAMPLES]
-    out.flag[wn.GAPS_SEEN] = acc.counts[fl.BLOCK_GAPS]
-    if acc.counts[fl.SAMPLES] < fixed.option[LEAST_SAMPLES]:
-        out.flag[wn.STATUS] = wn.GAP if acc.counts[fl.BLOCK_GAPS] > 0 else wn.SHORT
+    out.used = acc.counts.samples
+    out.gaps = acc.counts.gaps
+    if acc.counts.samples < fixed.option.least_samples:
+        out.status = wn.GAP if acc.counts.gaps > 0 else wn.SHORT
     elif stuck:
-        out.flag[wn.STATUS] = wn.STUCK
+        out.status = wn.STUCK
         wh.contradict(state.check, t)
     else:
         unexplained = fl.solve_window(fixed.belief, acc, work.acc, state.active[:])
         wh.judge_window(state.check, state.filter.level, unexplained, t)
-        out.flag[wn.STATUS] = fl.report_window(fixed.belief, profile, state, work.acc, rb.centre_of(fixed, state))
-        out.number[wn.O_WHITENESS] = wh.likelihood_of_chance(state.check)
+        out.status = fl.report_window(fixed.belief, profile, state, work.acc, rb.centre_of(fixed, state))
+        out.whiteness = wh.likelihood_of_chance(state.check)
 
 
 @kernel
@@ -353,14 +352,14 @@ def begin_next_window(block):
     """
     fixed, state = block[0].fixed, block[0].state
     belief, p = fixed.belief, state.filter.p
-    state.check.flag[wh.IN_WINDOW] = state.check.flag[wh.WHITENESS_RAISED]
+    state.check.in_window = state.check.raised
     for k in range(sx.N_STATES, belief.size.states):
         spread = belief.spread[k - sx.N_STATES]
         if belief.level[k - sx.N_STATES] < 0:
-            p[k, k] += spread * spread * fixed.limits[rb.WINDOW] / OFFSET_TIME
+            p[k, k] += spread * spread * fixed.limits.window / OFFSET_TIME
     fl.clear_window(belief.size, state.acc)
-    fl.believe_nuisances(belief, state.filter, state.acc, state.filter.time[sx.LAST])
-    state.counts[rb.ESTIMATES] = 1
+    fl.believe_nuisances(belief, state.filter, state.acc, state.filter.time.last)
+    state.counts.estimates = 1
 
 
 def close_window(size, block, ring, profile):
@@ -377,8 +376,8 @@ def close_window(size, block, ring, profile):
 def abandon_window(block):
     """The clock was set back: the window is given up and the next one begins."""
     fixed, state = block[0].fixed, block[0].state
-    state.acc.counts[fl.BLOCK_ROWS] = 0
-    state.filter.time[sx.RUNNING] = 0.0
+    state.acc.counts.rows = 0
+    state.filter.time.running = 0.0
     fl.clear_window(fixed.belief.size, state.acc)
 
 
@@ -386,11 +385,11 @@ def abandon_window(block):
 def follow_range(block, sigma, code):
     """Follow the range: its alarm after a block, the level at a window's end (`code`); none if the model is doubted."""
     fixed, state = block[0].fixed, block[0].state
-    if state.check.flag[wh.WHITENESS_RAISED] == 0:
+    if state.check.raised == 0:
         total, watch, clock = state.bank.total, state.watch, state.clock
-        watch_range(sigma, state.gauge, total, state.filter.time[sx.LAST], clock[rb.T_FIRST], watch.counts, watch.event)
+        watch_range(sigma, state.gauge, total, state.filter.time.last, clock.first, watch.counts, watch.event)
         if code == rb.WINDOW_COMPLETE:
-            close_range(sigma, state.gauge, total, clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW])
+            close_range(sigma, state.gauge, total, clock.closed + fixed.limits.window)
 
 
 @inner
@@ -413,10 +412,10 @@ def is_sound(size, fil, total):
 def seal_block(block, rows, words, code):
     """All stays as it is until the next block; the status, or RECOVERED where memory is damaged."""
     fixed, state = block[0].fixed, block[0].state
-    state.guard[gd.CARRIED] = seal_carried(state, words, rows)
+    state.guard.carried = seal_carried(state, words, rows)
     if not is_sound(fixed.belief.size, state.filter, state.bank.total):
         return gd.give_up(state.counts, code)
-    state.guard[gd.CONTROL] = gd.seal_control(state.clock, state.counts)
+    state.guard.control = gd.seal_control(state.clock, state.counts)
     return code
 
 
@@ -480,7 +479,7 @@ def restart_filtered(block, rows, words):
             state.learned[k, k] = PRIOR
     if size.ranged == 1:
         restart_gauge(state.gauge)
-    state.guard[gd.CARRIED] = seal_carried(state, words, rows)
+    state.guard.carried = seal_carried(state, words, rows)
 
 
 @kernel
@@ -488,9 +487,9 @@ def report_now(block, profile, air):
     """Fill work.report, all that leaves beside the outcome, as of the closed window's end or of a later last sample."""
     fixed, state, rep = block[0].fixed, block[0].state, block[0].work.report
     counts, clock = state.counts, state.clock
-    is_later = counts[rb.ROWS] > counts[rb.CLOSED_BACK]
-    t = clock[rb.T_LAST] if is_later else clock[rb.T_CLOSED] + fixed.limits[rb.WINDOW]
-    contradicted = state.check.flag[wh.WHITENESS_RAISED] == 1
+    is_later = counts.rows > counts.closed_back
+    t = clock.last if is_later else clock.closed + fixed.limits.window
+    contradicted = state.check.raised == 1
     rp.report_tracked(profile, state.bank.total, contradicted, t, rep)
     rp.report_air(fixed.belief, air, state.filter, state.bank.total, contradicted, rep)
     rp.report_servo(fixed.belief, state.filter, contradicted, rep)

@@ -1,4 +1,4 @@
-"""The memory of an estimator in one table: a line an array, with name, type, shape and meaning.
+"""The memory of an estimator in one table: a line an array or a number, with name, type, shape and meaning.
 
 Shapes are fixed maxima, as flight software has them, so that no choice of a user makes a kernel compile again; how much
 of an array is in use stands in `Size`; of what is sealed the rest stays zero.  What grows with the window, the sample
@@ -15,17 +15,15 @@ from ..algebra.library import CODE_LENGTH, MAX_TERMS, N_VARIABLES
 from ..filter import states as sx
 from ..filter import whiteness as wh
 from ..filter.known import N_COMMAND_PATH, N_SLOPES
-from ..filter.servo import N_SERVO, N_STEP
+from ..filter.servo import N_SERVO
 from ..gate import ring as rb
-from ..gate.stuck import N_LEARNED, N_WATCHED
-from ..gate.window import EQUATIONS, N_WINDOW_FLAGS, N_WINDOW_NUMBERS
+from ..gate.stuck import N_WATCHED
+from ..gate.window import EQUATIONS
 from ..model import MAX_KNOWN, MAX_LEVELS, MAX_NUISANCES, N_OFFSETS
-from ..regression.rows import N_MARKS, N_OPTIONS, N_PLAN, N_SERIES, N_THRESHOLDS, PAIR
+from ..regression.rows import N_MARKS, N_SERIES, PAIR
 from ..watch import changes as ch
-from ..watch import report as rp
 from ..watch import undeclared as un
 from ..watch.tracker import MEMBERS
-from ..watch.uncertainty import N_UNCERTAINTY_FLAGS as N_GAUGE_FLAGS
 from ..watch.uncertainty import OUT
 
 F8, I8 = np.dtype(np.float64), np.dtype(np.int64)
@@ -87,12 +85,16 @@ Extent = int | str | tuple["Extent", ...]  # a number, a name of `Size`, the pro
 
 @dataclass(frozen=True)
 class Line:
-    """One array, or one struct in another."""
+    """One array, one number (an array of shape ()), or one struct in another."""
 
     name: str
     kind: "np.dtype[Any] | Struct"
     shape: tuple[Extent, ...] = ()
     about: str = ""
+
+    @property
+    def is_number(self) -> bool:
+        return not (self.shape or isinstance(self.kind, Struct))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +117,20 @@ SIZE = struct("Size", "How much of the memory is in use.", *((name, I8) for name
 
 OUTCOME = struct(
     "Outcome", "Result of the last window.",
-    ("number", F8, (N_WINDOW_NUMBERS,), "a6, k1 and what is known of them"),
-    ("flag", I8, (N_WINDOW_FLAGS,), "EstimateStatus, rows used, gaps"),
+    ("a6", F8, (), "1/s^2; as all numbers of an outcome NaN where it is not known"),
+    ("k1", F8, (), "1/s^2"),
+    ("a6_std", F8, (), "standard deviation of a6"),
+    ("k1_std", F8, (), "and of k1"),
+    ("correlation", F8, (), "of both"),
+    ("a6_dot", F8, (), "1/s^3, coefficient of tau*theta"),
+    ("k1_dot", F8, (), "1/s^3, of tau*beta"),
+    ("a6_bound", F8, (), "Cramer-Rao bound of a6 as a standard deviation"),
+    ("k1_bound", F8, (), "and of k1"),
+    ("condition", F8, (), "of the library, or of a6 and k1"),
+    ("whiteness", F8, (), "p-value of the innovations, were the model true"),
+    ("status", I8, (), "EstimateStatus"),
+    ("used", I8, (), "rows"),
+    ("gaps", I8, (), "inside the window"),
     ("xi", F8, ("terms", EQUATIONS), "coefficients"),
     ("support", I8, ("terms", EQUATIONS), "1: active"),
     ("std", F8, ("terms",), "standard deviation of a term of theta_ddot that is active; NaN for those that are not"),
@@ -142,27 +156,83 @@ WHOLE = struct(
     ("tau", F8, ("terms",), "Householder factors"),
     ("norms", F8, ("terms",), "of the columns"))
 
+LIMITS = struct(
+    "Limits", "What the gate and the windows compare with.",
+    ("period", F8, (), "between two samples [s]"),
+    ("window", F8, (), "length of a window [s]"),
+    ("max_gap", F8, (), "between two samples, beyond which data are missing [s]"),
+    ("largest", F8, (rb.N_COLUMNS,), "amount of a ring column that is no fault"))
+
+PLAN = struct(
+    "Plan", "What is chosen of a regression; places are -1 where the term is not in the library.",
+    ("keep", I8, (), "rows of a window at most"),
+    ("term", I8, (PAIR,), "places of theta and beta"),
+    ("slope", I8, (PAIR,), "places of tau*theta and tau*beta"),
+    ("measured", I8, (), "1: theta_ddot is measured"),
+    ("held", I8, (), "1: beta stays from each row to the next"),
+    ("enough", I8, (), "rows below which a window is SHORT"),
+    ("sparse", I8, (), "1: terms may leave"))
+
+THRESHOLD = struct(
+    "Threshold", "What a term must exceed to stay; one of them is 0.",
+    ("raw", F8, (), "in units of each coefficient"),
+    ("own_share", F8, (), "of the squares"))
+
 REGRESSION_FIXED = struct(
     "Fixed", "Never changes in flight.",
     ("size", SIZE),
-    ("limits", F8, (rb.N_LIMITS,), "of the gate and the windows"),
+    ("limits", LIMITS),
     ("codes", I8, ("terms", CODE_LENGTH), "terms"),
     ("centred", I8, (N_VARIABLES,), "variables that may be centred"),
-    ("plan", I8, (N_PLAN,), "what is chosen"),
-    ("threshold", F8, (N_THRESHOLDS,), "RAW: in units of each coefficient; OWN_SHARE: of the squares"),
+    ("plan", PLAN),
+    ("threshold", THRESHOLD),
     ("saturation", F8, (rb.N_COLUMNS,), "end stops by ring column"))
 
+CLOCK = struct(
+    "Clock", "Stamps [s] and turns that the gate and the windows go by.",
+    ("first", F8, (), "sample of all"),
+    ("last", F8, (), "sample"),
+    ("candidate", F8, (), "newest stamp of a clock that may have been set back"),
+    ("closed", F8, (), "begin of the window that just closed"),
+    ("turned", F8, (), "whole turns added to theta [rad]"),
+    ("before", F8, (), "the last theta as it was measured [rad]"))
+
+COUNTS = struct(
+    "Counts", "Where samples go, and how often each status was answered.",
+    ("head", I8, (), "row of the ring that the next sample gets"),
+    ("rows", I8, (), "of the current window"),
+    ("closed_rows", I8, (), "of the closed one"),
+    ("closed_back", I8, (), "newest rows of the ring that are not its own"),
+    ("started", I8, (), "1: there was a sample"),
+    ("index", I8, (), "of the current window"),
+    ("candidates", I8, (), "stamps that agree on an earlier clock"),
+    ("waiting", I8, (), "samples in the ring that were not used yet"),
+    ("estimates", I8, (), "1: a window has closed"),
+    ("stuck", I8, (), "windows with a sensor that stood still"),
+    ("wraps", I8, (), "jumps of theta across +-pi that were undone"),
+    ("answers", I8, (rb.N_STATUS,), "by status - BUSY"))
+
+GUARD = struct(
+    "Guard", "Seals beside those of the rows.",
+    ("control", I8, (), "of clock and counts"),
+    ("carried", I8, (), "of what is carried on"))
+
+REPEATS = struct(
+    "Repeats", "Learned of theta, theta_dot, beta.",
+    ("share", F8, (N_WATCHED,), "of repeats"),
+    ("step", F8, (N_WATCHED,), "smallest between neighbours, 0 before there was one"))
+
 GATE = (
-    ("clock", F8, (rb.N_CLOCK,), "stamps that the gate and the windows go by"),
-    ("counts", I8, (rb.N_COUNT,), "where samples go, and how often each status was answered"),
-    ("guard", I8, (rb.N_GUARD,), "seals of clock and counts, of what is carried on"),
+    ("clock", CLOCK),
+    ("counts", COUNTS),
+    ("guard", GUARD),
     ("outcome", OUTCOME))
 
 REGRESSION_STATE = struct(
     "State", "What persists between samples.",
     *GATE,
-    ("random", I8, (1,), "generator of the row choice"),
-    ("repeats", F8, (N_WATCHED, N_LEARNED), "learned of theta, theta_dot, beta: share of repeats, smallest step"))
+    ("random", I8, (), "state of the generator of the row choice"),
+    ("repeats", REPEATS))
 
 REGRESSION_WORK = struct(
     "Work", "Scratch of a window's close.",
@@ -188,10 +258,31 @@ REGRESSION_WORK = struct(
     ("lost", F8, ("terms",), "what the residual loses to an absent term"),
     ("length", F8, ("terms",), "of what an absent term adds to the active ones"))
 
+CONSTANT = struct(
+    "Constant", "What is known of vehicle, servo, sensors and air.",
+    ("frequency", F8, (), "of the servo, natural [rad/s]"),
+    ("damping", F8, (), "of the servo, ratio"),
+    ("time_constant", F8, (), "of a servo of first order [s]; 0: it is of second"),
+    ("delay", F8, (), "from a command to the servo [s]"),
+    ("controller_period", F8, (), "s"),
+    ("missing", F8, (), "share of the time between two samples with a command that no sample holds"),
+    ("held", F8, (), "1: the gains are the nominal's, whatever is believed of a6 and k1 (a model with wind levels)"),
+    ("airy", F8, (), "1: there is a forecast, a drift or a known acceleration in time"),
+    ("turbulence_time", F8, (), "s"),
+    ("gamma_std", F8, (), "of a measured flight-path angle [rad]"),
+    ("lean", F8, (), "thrust misalignment [rad]"),
+    ("gyro_scale", F8, (), "factor of theta_dot"),
+    ("command_gain", F8, (), "factor of the command"),
+    ("command_offset", F8, (), "rad"),
+    ("offset", F8, (sx.N_CHANNELS,), "of theta, theta_dot, beta"),
+    ("saturation", F8, (sx.N_CHANNELS,), "end stops of theta, theta_dot, beta; inf: none"),
+    ("aero_damping", F8, (), "of theta_dot [1/s]"),
+    ("block_share", F8, (), "length of a block over `filtered.BLOCK`: 1 but for whole samples"))
+
 BELIEF = struct(
     "Belief", "What the filter believes, fixed at construction.",
     ("size", SIZE),
-    ("constant", F8, (sx.N_CONSTANTS,), "of servo, sensors, offsets"),
+    ("constant", CONSTANT),
     ("variance", F8, ("levels",), "declared noises, order of Model.levels"),
     ("prior", F8, ("levels",), "of their logarithms, 1/variance"),
     ("spread", F8, ("nuisances",), "standard deviation of each nuisance at the first sample"),
@@ -200,7 +291,7 @@ BELIEF = struct(
     ("known_codes", I8, ("known_terms", CODE_LENGTH), "terms that are known to act"),
     ("known_coefficient", F8, ("known_terms",), "of each"),
     ("sines", F8, ("sines", 3), "known to act: amplitude [rad/s^2], frequency [rad/s], phase [rad]"),
-    ("cubic", F8, (1,), "a6 alpha is known to be a6 (alpha + cubic alpha^3), 1/rad^2"),
+    ("cubic", F8, (), "a6 alpha is known to be a6 (alpha + cubic alpha^3), 1/rad^2"),
     ("command", F8, (N_COMMAND_PATH,), "HALF_WIDTH, LAG, WASHOUT"),
     ("role", I8, ("nuisances",), "what each nuisance is, model.WALK .. NOZZLE_BIAS"),
     ("level", I8, ("nuisances",), "its place among the noise levels, or NONE"),
@@ -212,8 +303,36 @@ UNKNOWN_SERVO = struct(
     ("root", F8, ("servo", "servo"), "of the estimate's covariance"),
     ("mean", F8, ("servo",), "estimate: frequency, damping, delay"),
     ("about", F8, ("servo",), "that the filter is linearised about"),
-    ("number", F8, ("responses",), "the same as frequency [rad/s], damping, delay [s]; the next time step [s]"),
+    ("frequency", F8, (), "the same as natural frequency [rad/s]"),
+    ("damping", F8, (), "as damping ratio"),
+    ("delay", F8, (), "as delay [s]"),
+    ("next_step", F8, (), "time step that comes next [s]"),
     ("response", F8, ("responses", sx.N_STATES, sx.N_STATES), "of a step, and its derivatives"))
+
+TIME = struct(
+    "Time", "Where the filter is.",
+    ("last", F8, (), "stamp of the last sample [s]"),
+    ("running", F8, (), "1: there was one in this segment"),
+    ("first", F8, (), "stamp of the first of all [s]"))
+
+STEP = struct(
+    "Step", "Constants of one time step.",
+    ("h", F8, (), "its length [s]"),
+    ("phi", F8, (2, 2), "transition of the nozzle: beta, beta_dot"),
+    ("by_command", F8, (2,), "effect of the command on it"),
+    ("once", F8, (3,), "integral of beta over the step, damped as the rate is, by beta, beta_dot, command"),
+    ("twice", F8, (3,), "double integral"),
+    ("keep", F8, (), "what is left of the turbulence"),
+    ("fade", F8, (), "what known damping leaves of a rate"),
+    ("reach", F8, (), "angle that a rate of 1 makes [s]"))
+
+NOTE = struct(
+    "Note", "How often the filter did something of its own accord.",
+    ("outliers", I8, (), "measurements left out"),
+    ("restarts", I8, (), "segments begun anew"),
+    ("level_clamps", I8, (), "steps of a noise level cut short"),
+    ("segments", I8, (), "begun"),
+    ("withdrawn_changes", I8, (), "sudden changes that a contradiction of the model followed"))
 
 FILTER_STATE = struct(
     "Filter", "State of the predictor.",
@@ -226,13 +345,13 @@ FILTER_STATE = struct(
     ("sp", F8, ("levels", "states", "states"), "derivative of p for the levels"),
     ("command", F8, (sx.MAX_DELAY_SAMPLES,), "past commands, newest first"),
     ("shaped", F8, (N_COMMAND_PATH,), "states of play, lag and wash-out [rad]"),
-    ("time", F8, (sx.N_TIME,), "LAST, RUNNING, FIRST"),
-    ("path", F8, (1,), "GAMMA_NOW"),
-    ("step", F8, (N_STEP,), "constants of the last time step"),
-    ("missed", F8, (N_STEP,), "of its last part, in which a command acts that no sample holds"),
-    ("jump", F8, (1,), "mean square of the command's changes from sample to sample"),
+    ("time", TIME),
+    ("gamma", F8, (), "flight-path angle at the last stamp [rad]"),
+    ("step", STEP, (), "the last"),
+    ("missed", STEP, (), "its last part, in which a command acts that no sample holds"),
+    ("jump", F8, (), "mean square of the command's changes from sample to sample"),
     ("outliers", I8, (sx.N_CHANNELS,), "measurements in a row that each channel's gate refused"),
-    ("note", I8, (sx.N_NOTES,), "counters of what the filter did of its own accord"),
+    ("note", NOTE),
     ("servo", UNKNOWN_SERVO))
 
 FILTER_WORK = struct(
@@ -247,7 +366,8 @@ FILTER_WORK = struct(
     ("shown", F8, ("states",), "covariance's derivative that a channel shows"),
     ("slope", F8, ("states",), "derivative of the gain"),
     ("taylor", F8, (4, 5, 5), "matrices of the servo's exponential"),
-    ("late", F8, ("servo", N_STEP), "constants of time steps of another servo"),
+    ("late", STEP, (), "what is left of a step as the command changes"),
+    ("other", STEP, (), "a step of another servo"),
     ("moved", F8, ("responses", sx.N_STATES), "its response"),
     ("servo_drive", F8, ("servo", sx.N_STATES), "effect of the servo's deviations on the state over a step"),
     ("raw", F8, (N_VARIABLES, 1), "theta, theta_dot, beta at the step's middle; no tau: 0"),
@@ -257,13 +377,25 @@ FILTER_WORK = struct(
     ("de", F8, ("levels",), "its derivative for the noise levels"),
     ("dv", F8, ("levels",), "relative derivative of its variance for them"))
 
+BLOCK_COUNTS = struct(
+    "BlockCounts", "How much was gathered.",
+    ("rows", I8, (), "in the block"),
+    ("samples", I8, (), "in the window"),
+    ("gaps", I8, (), "in the window"))
+
+DEVIATION = struct(
+    "Deviation", "Of the relative deviations of a6 and k1 in a window; NaN where inactive.",
+    ("a6", F8, (), "standard deviation"),
+    ("k1", F8, (), "standard deviation"),
+    ("correlation", F8, (), "of both"))
+
 ACCUMULATOR = struct(
     "Accumulator", "Square-root information, right-hand side last.",
     ("window", F8, ("columns", "columns"), "of the current window: offset at its start, terms, servo"),
     ("psi", F8, ("states", "states"), "transition of an offset from the window's start to the block's"),
     ("s_start", F8, ("states", 2), "sensitivities for theta and beta at the block's start"),
-    ("counts", I8, (3,), "rows in the block, samples and gaps in the window"),
-    ("start", F8, (1,), "first stamp of the block [s]"),
+    ("counts", BLOCK_COUNTS),
+    ("start", F8, (), "first stamp of the block [s]"),
     ("score", F8, ("levels",), "of the noise levels over the block"),
     ("information", F8, ("levels", "levels"), "of the noise levels over the block"),
     ("level_information", F8, ("levels", "levels"), "over the flight, prior included"))
@@ -283,7 +415,7 @@ ACCUMULATOR_WORK = struct(
     ("belief", F8, (sx.N_BELIEF,), "to restart the tracker with"),
     ("columns", I8, ("columns",), "that a solve keeps"),
     ("coefficient", F8, ("terms",), "of the window"),
-    ("deviation", F8, (3,), "STD_A6, STD_K1, CORR"))
+    ("deviation", DEVIATION))
 
 BANK = struct(
     "Bank", "State of the tracker; a member's state is (a6, k1, slope of a6, slope of k1), relative.",
@@ -299,6 +431,27 @@ BANK_WORK = struct(
     ("row", F8, (4,), "of a measurement"),
     ("column", F8, (4,), "covariance that it shows"))
 
+ONSETS = struct(
+    "Onsets", "Counts of the detector.",
+    ("next", I8, (), "slot of the next onset"),
+    ("kept", I8, (), "onsets that are followed"),
+    ("events", I8, (), "alarms so far"),
+    ("since", I8, (), "blocks since the last event's onset"))
+
+EVENTS = struct(
+    "Events", "Alarms of sudden changes, the newest over the oldest; before and after are relative to the nominal.",
+    ("time", F8, (ch.MAX_EVENTS,), "of the onset [s]"),
+    ("time_std", F8, (ch.MAX_EVENTS,), "its standard deviation [s]"),
+    ("kind", F8, (ch.MAX_EVENTS,), "K1_JUMP or BOTH_JUMP"),
+    ("a6_before", F8, (ch.MAX_EVENTS,), "deviation"),
+    ("a6_after", F8, (ch.MAX_EVENTS,), "deviation"),
+    ("a6_variance", F8, (ch.MAX_EVENTS,), "of the jump of a6"),
+    ("k1_before", F8, (ch.MAX_EVENTS,), "deviation"),
+    ("k1_after", F8, (ch.MAX_EVENTS,), "deviation"),
+    ("k1_variance", F8, (ch.MAX_EVENTS,), "of the jump of k1"),
+    ("alarm", F8, (ch.MAX_EVENTS,), "when it was raised [s]"),
+    ("stage", F8, (ch.MAX_EVENTS,), "OPEN, FINAL or WITHDRAWN"))
+
 WATCH = struct(
     "Watch", "State of the detector of sudden changes.",
     ("mean", F8, (sx.CHANGE_BLOCKS, 2, 2), "deviations by onset, kind, parameter"),
@@ -307,26 +460,42 @@ WATCH = struct(
     ("before", F8, (sx.CHANGE_BLOCKS, sx.N_BELIEF), "tracked belief before each onset"),
     ("start", F8, (sx.CHANGE_BLOCKS,), "of each [s]"),
     ("carried", F8, (sx.CHANGE_BLOCKS, "states", 2), "sensitivities at each onset, carried to the block's start"),
-    ("counts", I8, (ch.N_COUNTS,), "NEXT, KEPT, EVENTS, SINCE"),
-    ("event", F8, (ch.MAX_EVENTS, ch.N_EVENT), "alarms, the newest over the oldest"),
+    ("counts", ONSETS),
+    ("event", EVENTS),
     ("reference", F8, (sx.N_BELIEF,), "belief before the last change"))
 
 GUST_STATE = struct(
     "Gust", "State of the hypothesis that wind begins anew.",
     ("mean", F8, ("gust",), "error of the filter's state at the block's start, deviations of a6 and k1"),
     ("covariance", F8, ("gust", "gust"), "of these"),
-    ("number", F8, (1,), "its probability"))
+    ("probability", F8, (), "of the hypothesis"))
 
 CHECK = struct(
     "Check", "State of the test whether the model is true.",
-    ("mean", F8, (sx.N_CHANNELS, 3), "of the block at hand"),
+    ("innovation", F8, (sx.N_CHANNELS,), "sums of the block at hand: normalised innovations"),
+    ("for_a6", F8, (sx.N_CHANNELS,), "their sensitivities for a6"),
+    ("for_k1", F8, (sx.N_CHANNELS,), "and for k1"),
     ("seen", I8, (sx.N_CHANNELS,), "measurements in it"),
     ("servo", F8, (sx.N_CHANNELS, "servo"), "sums of their sensitivities for the servo"),
     ("pending", F8, (sx.CHANGE_BLOCKS, sx.N_CHANNELS), "blocks that wait"),
     ("history", F8, (wh.WHITENESS_LAGS, sx.N_CHANNELS), "the last ones taken, newest first"),
     ("sums", F8, (sx.N_CHANNELS, wh.WHITENESS_LAGS + 1), "fading sums of a channel and of its products by lag"),
-    ("number", F8, (wh.N_WHITENESS_NUMBERS,), "STATISTIC and on"),
-    ("flag", I8, (wh.N_WHITENESS_FLAGS,), "OLDEST and on"))
+    ("statistic", F8, (), "of whiteness"),
+    ("sum_weight", F8, (), "sum of squared fading weights, the variance of each sum"),
+    ("last_change", F8, (), "alarm of the last sudden change [s]"),
+    ("restless", F8, (), "alarm of one soon after another [s]"),
+    ("losses", F8, (), "fading count of restarts because the filter had lost the sensors"),
+    ("last_loss", F8, (), "the last of them [s]"),
+    ("last_failed", F8, (), "when a window's test failed last [s]"),
+    ("oldest", I8, (), "place of the oldest block that waits"),
+    ("waiting", I8, (), "how many wait"),
+    ("raised", I8, (), "1: the model is contradicted"),
+    ("in_window", I8, (), "1: or was so in the window"),
+    ("by_window", I8, (), "what the window's test said: PASSED, FAILED, FAILED_BEYOND_CHANCE"),
+    ("changed", I8, (), "1: there was a sudden change"),
+    ("is_restless", I8, (), "1: and another one soon after"),
+    ("has_failed", I8, (), "1: a window's test has failed before"),
+    ("beyond_chance", I8, (), "1: contradicted beyond chance"))
 
 UNDECLARED = struct(
     "Undeclared", "State of the filters of wind and misalignment that nobody declared.",
@@ -335,8 +504,12 @@ UNDECLARED = struct(
     ("past", F8, (2, "undeclared"), "the first filter's mean, ONSETS blocks apart, the newer at most ONSETS old"),
     ("past_covariance", F8, (2, "undeclared", "undeclared"), "of these"),
     ("better", F8, (un.FILTERS,), "nats by which each has predicted better since it last was no better"),
-    ("number", F8, (un.N_UNDECLARED_NUMBERS,), "NOISE, LASTED"),
-    ("flag", I8, (un.N_UNDECLARED_FLAGS,), "FOUND, DOUBT, NEWER, AGE"))
+    ("noise", F8, (), "highest log noise level of a sensor when what is known was begun"),
+    ("lasted", F8, (), "time since beyond THERE [s]"),
+    ("found", I8, (), "1: they are there"),
+    ("doubt", I8, (), "what else contradicts the model"),
+    ("newer", I8, (), "the newer of what is remembered"),
+    ("age", I8, (), "blocks taken since"))
 
 UNDECLARED_WORK = struct(
     "UndeclaredWork", "Its scratch.",
@@ -352,29 +525,59 @@ GAUGE = struct(
     ("probability", F8, (2, OUT + 1), "of BANDS"),
     ("since", F8, (2,), "s, when delta's mean left the range; NaN if inside"),
     ("band", I8, (2,), "place in BANDS, or NO_BAND"),
-    ("flag", I8, (2, N_GAUGE_FLAGS), "RAISED, KNOWN_INSIDE"),
-    ("events", I8, (1,), "sudden changes seen"))
+    ("raised", I8, (2,), "1 while the sequential alarm is"),
+    ("known_inside", I8, (2,), "1 once it was"),
+    ("events", I8, (), "sudden changes seen"))
+
+TRACKED = struct(
+    "Tracked", "The tracked estimate; NaN where it is not valid.",
+    ("a6", F8, (), "1/s^2"),
+    ("k1", F8, (), "1/s^2"),
+    ("a6_std", F8, (), "standard deviation"),
+    ("k1_std", F8, (), "standard deviation"),
+    ("correlation", F8, (), "of both"))
+
+CHANGE_ROWS = struct(
+    "ChangeRows", "Sudden changes, oldest first.",
+    ("time", F8, (2 * ch.MAX_EVENTS,), "when it began [s]"),
+    ("time_std", F8, (2 * ch.MAX_EVENTS,), "its standard deviation [s]"),
+    ("before", F8, (2 * ch.MAX_EVENTS,), "1/s^2"),
+    ("after", F8, (2 * ch.MAX_EVENTS,), "1/s^2"),
+    ("size", F8, (2 * ch.MAX_EVENTS,), "1/s^2"),
+    ("size_std", F8, (2 * ch.MAX_EVENTS,), "its standard deviation [1/s^2]"),
+    ("alarm", F8, (2 * ch.MAX_EVENTS,), "when it was raised [s]"),
+    ("parameter", I8, (2 * ch.MAX_EVENTS,), "A6 or K1"),
+    ("final", I8, (2 * ch.MAX_EVENTS,), "1: its size is settled"))
 
 REPORT = struct(
     "Report", "What leaves beside the outcome, as of now.",
-    ("tracked", F8, (rp.N_TRACKED,), "a6, k1, standard deviations, correlation"),
-    ("level", F8, (2, rp.N_LEVEL), "of a6 and of k1"),
+    ("is_tracked", I8, (), "1: what is tracked is valid"),
+    ("tracked", TRACKED),
+    ("has_level", I8, (), "1: what is said of the range is valid"),
+    ("delta", F8, (2,), "place of a6 and of k1 in the range"),
+    ("delta_std", F8, (2,), "its standard deviation"),
+    ("out_since", F8, (2,), "when it left the range [s]"),
+    ("probability", F8, (2, OUT + 1), "of BANDS"),
     ("band", I8, (2,), "place in BANDS, or NO_BAND"),
     ("raised", I8, (2,), "1 while the out-of-range alarm is"),
-    ("flag", I8, (rp.N_REPORT_FLAGS,), "IS_TRACKED, HAS_LEVEL, CHANGES"),
-    ("change", F8, (2 * ch.MAX_EVENTS, rp.N_CHANGE), "sudden changes, oldest first"),
-    ("changed", I8, (2 * ch.MAX_EVENTS, rp.N_CHANGED), "parameter, 1 if final"),
+    ("changes", I8, (), "how many rows of `change` there are"),
+    ("change", CHANGE_ROWS),
     ("noise", F8, ("levels",), "noise levels over the declared ones"),
     ("air", F8, (2,), "wind angle and its standard deviation [rad], NaN without"),
     ("offset", F8, (N_OFFSETS, 2), "of model.OFFSETS: value and standard deviation, NaN where it is known"),
     ("actuator", F8, (N_SERVO, 2), "of model.SERVO: value and standard deviation, NaN where nothing of it is unknown"),
     ("actuator_corr", F8, (N_SERVO,), "correlations: of the first with the second and the third, of these two"))
 
+OPTION = struct(
+    "Option", "What is chosen of the filtered formulation.",
+    ("estimate_levels", I8, (), "1: follow the noise levels"),
+    ("least_samples", I8, (), "below which a window is SHORT"))
+
 FILTERED_FIXED = struct(
     "Fixed", "Never changes in flight.",
-    ("limits", F8, (rb.N_LIMITS,), "of the gate and the windows"),
+    ("limits", LIMITS),
     ("belief", BELIEF),
-    ("option", I8, (N_OPTIONS,), "what is chosen"))
+    ("option", OPTION))
 
 FILTERED_STATE = struct(
     "State", "What persists between samples.",
@@ -387,7 +590,7 @@ FILTERED_STATE = struct(
     ("check", CHECK),
     ("undeclared", UNDECLARED),
     ("active", I8, ("terms",), "1 for the terms believed to be there"),
-    ("repeats", F8, (N_WATCHED, N_LEARNED), "learned of theta, theta_dot, beta: share of repeats, smallest step"),
+    ("repeats", REPEATS),
     ("learned", F8, ("learned", "learned"), "of the terms, over many windows: square-root information"),
     ("gauge", GAUGE))
 

@@ -15,7 +15,7 @@ from ..algebra.library import raw_from_standard
 from ..algebra.linsolve import dot, qr_factor, scale_columns
 from ..gate import ring as rb
 from ..gate import window as wn
-from ..gate.guard import CARRIED, CONTROL, fold_words, give_up, is_row_whole, seal_control, take_sample
+from ..gate.guard import fold_words, give_up, is_row_whole, seal_control, take_sample
 from ..gate.stuck import stands_still
 from ..kernels import inner, kernel
 from . import rows as rw
@@ -61,27 +61,27 @@ def take_window(fixed, state, ring, seals, words, rows, marks):
     """The closed window's samples into `rows`; returns (WINDOW_COMPLETE or RECOVERED, OK or the reason why not to use
     them, how many, rows to keep, gaps)."""
     plan, stop, counts = fixed.plan, fixed.saturation, state.counts
-    whole = fold_words(words) == state.guard[CARRIED]
-    for k in range(counts[rb.CLOSED_ROWS]):
+    whole = fold_words(words) == state.guard.carried
+    for k in range(counts.closed_rows):
         whole = whole and is_row_whole(ring, seals, rb.place_of_row(counts, ring, k))
     if not whole:
         return give_up(counts, rb.WINDOW_COMPLETE), wn.OK, 0, 0, 0
     wn.clear_outcome(state.outcome, wn.OK)
     n, saturated = rb.copy_window(ring, counts, stop, rows)
-    gaps = mark_segments(rows[rb.T], n, fixed.limits[rb.MAX_GAP], marks[rw.SEGMENT])
+    gaps = mark_segments(rows[rb.T], n, fixed.limits.max_gap, marks[rw.SEGMENT])
     rw.fill_rate(rows, marks, n)
     rw.fill_attack(rows, n)
     if fixed.size.integral == 0:
-        rw.fill_slopes(rows, marks, n, plan[rw.MEASURED])
+        rw.fill_slopes(rows, marks, n, plan.measured)
     for i in range(n):
         x = rows[rb.THETA_DOT, i]
         if fixed.size.integral == 0:
             x = rows[rw.SLOPE_COLUMN, i] + rows[rw.SLOPE_COLUMN + 1, i] + rows[rw.SLOPE_COLUMN + 2, i]
         marks[rw.USABLE, i] = int(np.isfinite(x))
-    kept = choose_rows(marks[rw.USABLE], n, plan[rw.KEEP], state.random, marks[rw.KEPT])
+    kept = choose_rows(marks[rw.USABLE], n, plan.keep, state, marks[rw.KEPT])
     status = wn.STUCK if stands_still(ring, counts, state.repeats, stop[rb.THETA:]) else wn.OK
-    if kept < plan[rw.ENOUGH]:
-        status = wn.SATURATED if kept + saturated >= plan[rw.ENOUGH] else wn.GAP if gaps > 0 else wn.SHORT
+    if kept < plan.enough:
+        status = wn.SATURATED if kept + saturated >= plan.enough else wn.GAP if gaps > 0 else wn.SHORT
     return rb.WINDOW_COMPLETE, status, n, kept, gaps
 
 
@@ -98,7 +98,7 @@ def factor_library(fixed, state, work, at, pieces):
     rank = qr_factor(at, work.order[:q], work.tau[:], RANK_TOLERANCE)
     if rank < q:
         return wn.RANK
-    state.outcome.number[wn.O_CONDITION] = abs(at[0, 0]) / abs(at[rank - 1, rank - 1])
+    state.outcome.condition = abs(at[0, 0]) / abs(at[rank - 1, rank - 1])
     raw_from_standard(fixed.codes[:q], work.centre, work.scale, tt)
     for i in range(q):  # M with Phi_raw = Q M: column i of M into work.mt[i]
         for r in range(q):
@@ -122,7 +122,7 @@ def open_window(block, words, ring, seals, rows, marks, columns):
     code, status, n, kept, gaps = take_window(fixed, state, ring, seals, words, rows, marks)
     pieces = 0
     if status == wn.OK and code == rb.WINDOW_COMPLETE:
-        q, t_centre, held = fixed.size.terms, rb.centre_of(fixed, state), fixed.plan[rw.TERMS_HELD]
+        q, t_centre, held = fixed.size.terms, rb.centre_of(fixed, state), fixed.plan.held
         rw.standardise(work, rows, marks, fixed.centred, kept, n, t_centre)
         at = columns[:(q + wn.EQUATIONS + rw.PAIR) * kept].reshape((q + wn.EQUATIONS + rw.PAIR, kept))
         if fixed.size.integral == 1:
@@ -157,10 +157,10 @@ def eliminate(block, columns, status, count):
     q, whole, xi, active, by_share = fixed.size.terms, work.whole, work.xi[:], work.active[:], fixed.size.by_share
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
-            e, raw = EQUATION_ORDER[k], fixed.threshold[rw.RAW]
+            e, raw = EQUATION_ORDER[k], fixed.threshold.raw
             y = columns[(q + e) * count:(q + e + 1) * count]
             if by_share == 1:
-                needed = fixed.threshold[rw.OWN_SHARE] * dot(y, y, 0, count)
+                needed = fixed.threshold.own_share * dot(y, y, 0, count)
                 passes = sparse.solve_stepwise(q, whole, y, 1, needed, xi, active, work.sparse)
             elif fixed.size.solver == sparse.SSR:
                 passes = sparse.solve_stepwise(q, whole, y, 0, raw, xi, active, work.sparse)
@@ -174,12 +174,12 @@ def eliminate(block, columns, status, count):
 def relax(block, columns, status, count):
     """The same by a relaxed problem, of SR3 or the lasso."""
     fixed, work, out = block[0].fixed, block[0].work, block[0].state.outcome
-    q, whole, xi, active, raw = fixed.size.terms, work.whole, work.xi[:], work.active[:], fixed.threshold[rw.RAW]
+    q, whole, xi, active, raw = fixed.size.terms, work.whole, work.xi[:], work.active[:], fixed.threshold.raw
     for k in range(wn.EQUATIONS):
         if status == wn.OK:
             e = EQUATION_ORDER[k]
             y = columns[(q + e) * count:(q + e + 1) * count]
-            needed = fixed.threshold[rw.OWN_SHARE] * dot(y, y, 0, count)
+            needed = fixed.threshold.own_share * dot(y, y, 0, count)
             if fixed.size.solver == sparse.SR3:
                 passes = sparse.solve_sr3(q, work.mt[:], whole, y, raw, needed, xi, active, work.sparse)
             else:
@@ -189,7 +189,7 @@ def relax(block, columns, status, count):
 
 
 @inner
-def judge_separation(fixed, work, number):
+def judge_separation(fixed, work, out):
     """OK, or why a6 and k1 are not known apart, or not at all."""
     codes, drives = fixed.codes, 0
     for j in range(fixed.size.terms):
@@ -198,10 +198,16 @@ def judge_separation(fixed, work, number):
                 drives = 1
     if drives == 0:
         return wn.LOW_INFORMATION
-    a6, k1 = number[wn.O_A6_STD] / abs(number[wn.O_A6]), number[wn.O_K1_STD] / abs(number[wn.O_K1])
-    if wn.knows_one_direction(a6, k1, number[wn.O_CORRELATION]):
+    a6, k1 = out.a6_std / abs(out.a6), out.k1_std / abs(out.k1)
+    if wn.knows_one_direction(a6, k1, out.correlation):
         return wn.SEPARATION
     return wn.LOW_INFORMATION if wn.knows_nothing(a6, k1) else wn.OK
+
+
+@inner
+def coefficient_of(work, place):
+    """Return the coefficient of the term at this place of the library, NaN where it has none."""
+    return work.xi[place] if place >= 0 else np.nan
 
 
 @kernel
@@ -214,22 +220,21 @@ def end_window(block, words, rows, marks, columns, series, status, n, kept, gaps
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     out, q, plan = state.outcome, fixed.size.terms, fixed.plan
     if status == wn.OK:
-        for p in range(rw.PAIR):
-            term = plan[rw.TERM_A6 + p]
-            slope = plan[rw.TERM_A6_DOT + p]
-            out.number[wn.O_A6 + p] = work.xi[term] if term >= 0 else np.nan
-            out.number[wn.O_A6_DOT + p] = work.xi[slope] if slope >= 0 else np.nan
+        out.a6 = coefficient_of(work, plan.term[0])
+        out.k1 = coefficient_of(work, plan.term[1])
+        out.a6_dot = coefficient_of(work, plan.slope[0])
+        out.k1_dot = coefficient_of(work, plan.slope[1])
         report_attitude(fixed, work, out, rows, marks,
                         columns[:(q + wn.EQUATIONS + rw.PAIR) * kept].reshape((q + wn.EQUATIONS + rw.PAIR, kept)),
                         series[:(2 + q) * kept].reshape((2 + q, kept)), n, kept - pieces)
-        status = judge_separation(fixed, work, out.number)
+        status = judge_separation(fixed, work, out)
     if status != wn.OK:
         wn.clear_outcome(out, status)
-    out.flag[wn.USED] = kept
-    out.flag[wn.GAPS_SEEN] = gaps
-    state.counts[rb.ESTIMATES], state.counts[rb.WAITING] = 1, state.counts[rb.CLOSED_BACK]
-    state.guard[CARRIED] = fold_words(words)
-    state.guard[CONTROL] = seal_control(state.clock, state.counts)
+    out.used = kept
+    out.gaps = gaps
+    state.counts.estimates, state.counts.waiting = 1, state.counts.closed_back
+    state.guard.carried = fold_words(words)
+    state.guard.control = seal_control(state.clock, state.counts)
 
 
 def close_window(size, block, words, ring, seals, rows, marks, columns, series, code):
@@ -258,5 +263,5 @@ def restart_regression(block, words, seed):
     """Set what is not zero before the first sample; seed  first state of the row choice."""
     state = block[0].state
     wn.clear_outcome(state.outcome, wn.SHORT)
-    state.random[0] = seed
-    state.guard[CARRIED] = fold_words(words)
+    state.random = seed
+    state.guard.carried = fold_words(words)

@@ -77,7 +77,7 @@ def factor_drifts(plan, q, size, work, drift, count, free):
     rows = work.sparse.rows[:4 * q * q].reshape((q, 4 * q))
     drifts = 0
     for d in range(rw.PAIR):
-        term, slope = plan[rw.TERM_A6 + d], plan[rw.TERM_A6_DOT + d]
+        term, slope = plan.term[d], plan.slope[d]
         is_sloped = slope >= 0 and rw.is_active(plan, work.active[:], slope)
         if term >= 0 and rw.is_active(plan, work.active[:], term) and not is_sloped:
             for i in range(count):
@@ -191,7 +191,7 @@ def report_active(plan, q, work, out, rows, marks, series, freedom):
     count = series.shape[1]
     above = below = 0.0
     for p in range(rw.PAIR):
-        j = plan[rw.TERM_A6 + p]
+        j = plan.term[p]
         if j >= 0 and rw.is_active(plan, work.active[:], j):
             more, less = autoregression(series[2 + j])
             above, below = above + more, below + less
@@ -199,19 +199,20 @@ def report_active(plan, q, work, out, rows, marks, series, freedom):
     for j in range(q):
         if rw.is_active(plan, work.active[:], j):
             v = series[2 + j]
-            if j == plan[rw.TERM_A6] or j == plan[rw.TERM_A6 + 1]:
+            if j == plan.term[0] or j == plan.term[1]:
                 variance = long_run(v, v, lags, freedom, True)
             else:
                 variance = own_variance(v, freedom)
             out.std[j] = math.sqrt(variance + work.change[j] * work.change[j] + work.numeric[j])
-    for p in range(rw.PAIR):
-        if plan[rw.TERM_A6 + p] >= 0:
-            out.number[wn.O_A6_STD + p] = out.std[plan[rw.TERM_A6 + p]]
-    product = out.number[wn.O_A6_STD] * out.number[wn.O_A6_STD + 1]
+    if plan.term[0] >= 0:
+        out.a6_std = out.std[plan.term[0]]
+    if plan.term[1] >= 0:
+        out.k1_std = out.std[plan.term[1]]
+    product = out.a6_std * out.k1_std
     if product > 0.0:  # both are active
-        a, b = plan[rw.TERM_A6], plan[rw.TERM_A6 + 1]
+        a, b = plan.term[0], plan.term[1]
         shared = long_run(series[2 + b], series[2 + a], lags, freedom, False) + work.change[a] * work.change[b]
-        out.number[wn.O_CORRELATION] = min(max(shared / product, -1.0), 1.0)
+        out.correlation = min(max(shared / product, -1.0), 1.0)
 
 
 @inner
@@ -225,16 +226,16 @@ def report_attitude(fixed, work, out, rows, marks, at, series, n, free):
     q, plan, count = fixed.size.terms, fixed.plan, at.shape[1]
     y, drift = at[q + wn.THETA_REPEATS], at[q + wn.EQUATIONS:].reshape((rw.PAIR * count,))
     size = q
-    if plan[rw.SPARSE] == 1:
+    if plan.sparse == 1:
         for j in range(q):
             size -= int(work.active[j] == 0)
-    known = plan[rw.SPARSE] == 1 and free > size + 1
+    known = plan.sparse == 1 and free > size + 1
     drifts = factor_drifts(plan, q, size, work, drift, count, free)
     fill_series(plan, q, size, work, y, drift, series, drifts, known)
     turn_back(plan, at, q, size, work, drift, series, drifts)
     if size > 0:
         if fixed.size.integral == 1:
-            rw.integral_error(fixed.codes[:q], work, rows, marks, n, work.xi, plan[rw.TERMS_HELD])
+            rw.integral_error(fixed.codes[:q], work, rows, marks, n, work.xi, plan.held)
         report_active(plan, q, work, out, rows, marks, series, free - size - drifts)
     for j in range(q):
         if not rw.is_active(plan, work.active[:], j):
@@ -244,6 +245,7 @@ def report_attitude(fixed, work, out, rows, marks, at, series, n, free):
                     series[2 + j, U(i)] *= series[1, U(i)] - work.lost[j] * series[2 + j, U(i)]
                 std = math.sqrt(own_variance(series[2 + j], free - size - 1)) / work.length[j]
                 out.absent[j] = abs(work.lost[j] / work.length[j]) + wn.INTERVAL * std
-                for p in range(rw.PAIR):
-                    if j == plan[rw.TERM_A6 + p]:
-                        out.number[wn.O_A6_STD + p] = std
+                if j == plan.term[0]:
+                    out.a6_std = std
+                if j == plan.term[1]:
+                    out.k1_std = std

@@ -15,17 +15,7 @@ from ..kernels import inner
 
 ROWS_OF_DIFFERENCE = 4  # rows of a piece that has a third difference
 STILL = 64.0 * EPS  # a variable that moves less than this of its size does not move
-# plan (i8) of a regression
-KEEP, TERM_A6, TERM_K1, TERM_A6_DOT, TERM_K1_DOT, MEASURED, TERMS_HELD, ENOUGH, SPARSE = range(9)
-N_PLAN = 9
-# threshold (f8) of a regression: what a term must exceed to stay
-RAW, OWN_SHARE = range(2)
-N_THRESHOLDS = 2
-# option (i8) of the filtered formulation: follow the noise levels; samples below which a window is SHORT
-ESTIMATE_LEVELS, LEAST_SAMPLES = range(2)
-N_OPTIONS = 2
-
-PAIR = 2  # a6 and k1, and their drifts tau*theta and tau*beta: neighbours in `plan` and in an outcome's numbers
+PAIR = 2  # a6 and k1, and their drifts tau*theta and tau*beta
 
 # rows (N_SERIES, m) of a window's close: the ring's columns, and behind them
 SLOPE_COLUMN = 7  # 3: derivatives of theta, theta_dot, beta
@@ -44,7 +34,7 @@ N_MARKS = 3
 @inner
 def is_active(plan, active, term):
     """Whether a term is in the equation: where nothing selects, all are."""
-    return plan[SPARSE] == 0 or active[term] == 1
+    return plan.sparse == 0 or active[term] == 1
 
 
 @inner

@@ -22,21 +22,16 @@ SETTLE = 20         # blocks after the onset before the size is final: 2 s
 MAX_EVENTS = 16
 K1_JUMP, BOTH_JUMP = range(2)
 
-# event (f8)
-(E_TIME, E_TIME_STD, E_KIND, E_A6_BEFORE, E_A6_AFTER, E_A6_VARIANCE, E_K1_BEFORE, E_K1_AFTER, E_K1_VARIANCE,
- E_ALARM, E_STAGE) = range(11)
-N_EVENT = 11
-OPEN, FINAL, WITHDRAWN = 0.0, 1.0, -1.0  # its stage: the size is still to settle, it is settled, or there was no change
-
-# counts (i8)
-NEXT, KEPT_EVENTS, EVENTS, SINCE = range(4)
-N_COUNTS = 4
+# stage of an event
+OPEN = 0.0        # its size is still to settle
+FINAL = 1.0       # it is settled
+WITHDRAWN = -1.0  # there was no change
 
 
 @inner
 def open_onset(states, state, belief, s_start, t):
     """Begin a pair of trackers, of a change that may have begun at t [s] with sensitivities s_start (n, 2)."""
-    slot = state.counts[NEXT]
+    slot = state.counts.next
     for i in range(states):
         for j in range(2):
             state.carried[slot, i, j] = s_start[i, j]
@@ -51,9 +46,9 @@ def open_onset(states, state, belief, s_start, t):
         covariance[sx.K1, sx.K1] = belief[sx.VAR_K1] + jump
         state.factor[slot, kind] = 0.0
     state.start[slot] = t
-    state.counts[NEXT] = (slot + 1) % sx.CHANGE_BLOCKS
-    state.counts[KEPT_EVENTS] = min(state.counts[KEPT_EVENTS] + 1, sx.CHANGE_BLOCKS)
-    state.counts[SINCE] += 1
+    state.counts.next = (slot + 1) % sx.CHANGE_BLOCKS
+    state.counts.kept = min(state.counts.kept + 1, sx.CHANGE_BLOCKS)
+    state.counts.since += 1
 
 
 @inner
@@ -89,8 +84,8 @@ def follow_onsets(n, state, work, column, pair, transition, dt, still):
     transition (n, >=n) in  of the offset over the block;  dt [s];  still: log density of the block without a jump
     """
     best, best_slot, best_kind = -np.inf, 0, 0
-    for back in range(state.counts[KEPT_EVENTS]):
-        slot = (state.counts[NEXT] - 1 - back) % sx.CHANGE_BLOCKS
+    for back in range(state.counts.kept):
+        slot = (state.counts.next - 1 - back) % sx.CHANGE_BLOCKS
         for kind in range(2):
             state.factor[slot, kind] += follow_onset(n, state, work, slot, kind, pair, dt) - still
             if state.factor[slot, kind] > best:
@@ -103,9 +98,9 @@ def follow_onsets(n, state, work, column, pair, transition, dt, still):
 def onset_time(state, kind, best, dt):
     """Mean and std [s] of the onset, the blocks weighted by their Bayes factors, and a block's own width."""
     norm = mean = square = 0.0
-    reference = state.start[(state.counts[NEXT] - 1) % sx.CHANGE_BLOCKS]
-    for back in range(state.counts[KEPT_EVENTS]):
-        slot = (state.counts[NEXT] - 1 - back) % sx.CHANGE_BLOCKS
+    reference = state.start[(state.counts.next - 1) % sx.CHANGE_BLOCKS]
+    for back in range(state.counts.kept):
+        slot = (state.counts.next - 1 - back) % sx.CHANGE_BLOCKS
         w = exp_of(state.factor[slot, kind] - best)
         age = state.start[slot] - reference
         norm += w
@@ -123,33 +118,34 @@ def raise_alarm(state, slot, kind, best, dt, t_now, after):
     first tenths of a second say of the size is biased.  An alarm while the last event's size is open belongs to it.
     """
     t_onset, t_std = onset_time(state, kind, best, dt)
-    last = state.event[(state.counts[EVENTS] - 1) % MAX_EVENTS]
-    open_event = state.counts[EVENTS] > 0 and last[E_STAGE] == OPEN
+    event, last = state.event, (state.counts.events - 1) % MAX_EVENTS
+    open_event = state.counts.events > 0 and event.stage[last] == OPEN
     before = state.before[slot]
     jump = JUMP_STD * JUMP_STD
     after[sx.MEAN_A6], after[sx.MEAN_K1] = state.mean[slot, kind, sx.A6], state.mean[slot, kind, sx.K1]
     after[sx.VAR_A6] = before[sx.VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
     after[sx.COV] = before[sx.COV]
     after[sx.VAR_K1] = before[sx.VAR_K1] + jump
-    state.counts[KEPT_EVENTS] = 0
+    state.counts.kept = 0
     if open_event:
-        last[E_KIND] = max(last[E_KIND], float(kind))
+        event.kind[last] = max(event.kind[last], float(kind))
         size_event(state, last, after)
         return
     for i in range(sx.N_BELIEF):
         state.reference[i] = before[i]
-    event = state.event[state.counts[EVENTS] % MAX_EVENTS]
-    event[:] = 0.0
-    event[E_TIME], event[E_TIME_STD], event[E_KIND], event[E_ALARM] = t_onset, t_std, kind, t_now
-    size_event(state, event, after)
-    state.counts[EVENTS] += 1
-    state.counts[SINCE] = (state.counts[NEXT] - slot) % sx.CHANGE_BLOCKS
+    new = state.counts.events % MAX_EVENTS
+    event.time[new], event.time_std[new], event.kind[new], event.alarm[new] = t_onset, t_std, kind, t_now
+    event.stage[new] = OPEN
+    size_event(state, new, after)
+    state.counts.events += 1
+    state.counts.since = (state.counts.next - slot) % sx.CHANGE_BLOCKS
 
 
 @inner
-def size_event(state, event, belief):
-    """Give an event the values before and after and the variance of the jump, relative to the nominal."""
-    event[E_A6_BEFORE], event[E_K1_BEFORE] = state.reference[sx.MEAN_A6], state.reference[sx.MEAN_K1]
-    event[E_A6_AFTER], event[E_K1_AFTER] = belief[sx.MEAN_A6], belief[sx.MEAN_K1]
-    event[E_A6_VARIANCE] = state.reference[sx.VAR_A6] + belief[sx.VAR_A6]
-    event[E_K1_VARIANCE] = state.reference[sx.VAR_K1] + belief[sx.VAR_K1]
+def size_event(state, k, belief):
+    """Give event k the values before and after and the variance of the jump, relative to the nominal."""
+    event = state.event
+    event.a6_before[k], event.k1_before[k] = state.reference[sx.MEAN_A6], state.reference[sx.MEAN_K1]
+    event.a6_after[k], event.k1_after[k] = belief[sx.MEAN_A6], belief[sx.MEAN_K1]
+    event.a6_variance[k] = state.reference[sx.VAR_A6] + belief[sx.VAR_A6]
+    event.k1_variance[k] = state.reference[sx.VAR_K1] + belief[sx.VAR_K1]

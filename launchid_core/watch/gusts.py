@@ -26,7 +26,7 @@ def forget_gust(gust):
     """Reset the windy hypothesis: no wind has begun."""
     gust.mean[:] = 0.0
     gust.covariance[:, :] = 0.0
-    gust.number[0] = 0.0
+    gust.probability = 0.0
 
 
 @inner
@@ -63,7 +63,7 @@ def blow(belief, fil, gust, dt):
         if not is_unexpected(belief, fil, j):
             continue
         at = belief.level[j]
-        keep = exp_of(-dt / belief.constant[sx.TURBULENCE_TIME])
+        keep = exp_of(-dt / belief.constant.turbulence_time)
         q = belief.variance[at] * (1.0 - exp_of(2.0 * fil.level[at]))
         q *= dt if belief.role[j] == WALK else 1.0 - keep * keep
         gust.covariance[sx.N_STATES + j, sx.N_STATES + j] += q
@@ -108,15 +108,15 @@ def follow_gust(belief, fil, gust, column, pair, before, dt, still):
     if not calm:
         forget_gust(gust)
         return still
-    begins = (1.0 - gust.number[0]) * (1.0 - exp_of(-dt / MEAN_CALM))
-    prior = begins + gust.number[0] * exp_of(-dt / GUST_LASTS)
+    begins = (1.0 - gust.probability) * (1.0 - exp_of(-dt / MEAN_CALM))
+    prior = begins + gust.probability * exp_of(-dt / GUST_LASTS)
     mix_gust(belief.size.gust, gust, before, begins / prior)
     blow(belief, fil, gust, dt)
     windy = see_block(belief.size.gust, gust, column, pair)
     carry_gust(belief.size, gust, column, fil.s[:])
     best = max(still, windy)
     both = best + log_of((1.0 - prior) * exp_of(still - best) + prior * exp_of(windy - best))
-    gust.number[0] = prior * exp_of(windy - both)
+    gust.probability = prior * exp_of(windy - both)
     return both
 
 

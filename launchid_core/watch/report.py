@@ -8,44 +8,35 @@ from ..filter.servo import BY_DELAY, std_of
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
 from . import changes as ch
-from .uncertainty import OUT, RAISED
+from .uncertainty import OUT
 
 KNOWN_SHARE = 0.9  # of FIRST_STD: the data have said something of a parameter
 
-# tracked (f8) of a report
-(TRACKED_A6, TRACKED_K1, TRACKED_A6_STD, TRACKED_K1_STD, TRACKED_CORRELATION) = range(5)
-N_TRACKED = 5
-# level (f8) of a report, a row a parameter; then the probabilities of the bands
-DELTA, DELTA_STD, OUT_SINCE, PROBABILITY = range(4)
-N_LEVEL = PROBABILITY + OUT + 1
-# flag (i8) of a report
-IS_TRACKED, HAS_LEVEL, CHANGES = range(3)  # tracked numbers are valid; and the level's; rows of `change`
-N_REPORT_FLAGS = 3
-# change (f8), a row a change;  changed (i8): parameter (A6 or K1), 1 if final
-(C_TIME, C_TIME_STD, C_BEFORE, C_AFTER, C_SIZE, C_SIZE_STD, C_ALARM) = range(7)
-N_CHANGE = 7
-C_PARAMETER, C_FINAL = range(2)
-N_CHANGED = 2
 
 
 @inner
 def report_tracked(profile, total, contradicted, t, rep):
     """The tracked estimate at t [s], its share on the profile there: valid once a parameter is known better than before
     the first sample, unless the innovations contradict the model."""
-    rep.tracked[:] = np.nan
+    tracked = rep.tracked
+    tracked.a6 = np.nan
+    tracked.k1 = np.nan
+    tracked.a6_std = np.nan
+    tracked.k1_std = np.nan
+    tracked.correlation = np.nan
     first = KNOWN_SHARE * sx.FIRST_STD
     known = min(total[sx.VAR_A6], total[sx.VAR_K1]) < first * first and not contradicted
     known = known and np.isfinite(total[sx.MEAN_A6] + total[sx.MEAN_K1])
-    rep.flag[IS_TRACKED] = int(known)
+    rep.is_tracked = int(known)
     if not known:
         return
     a6, k1 = sx.profile_at(profile, t)
-    rep.tracked[TRACKED_A6] = a6 * (1.0 + total[sx.MEAN_A6])
-    rep.tracked[TRACKED_K1] = k1 * (1.0 + total[sx.MEAN_K1])
-    rep.tracked[TRACKED_A6_STD] = abs(a6) * np.sqrt(total[sx.VAR_A6])
-    rep.tracked[TRACKED_K1_STD] = abs(k1) * np.sqrt(total[sx.VAR_K1])
+    tracked.a6 = a6 * (1.0 + total[sx.MEAN_A6])
+    tracked.k1 = k1 * (1.0 + total[sx.MEAN_K1])
+    tracked.a6_std = abs(a6) * np.sqrt(total[sx.VAR_A6])
+    tracked.k1_std = abs(k1) * np.sqrt(total[sx.VAR_K1])
     sign = -1.0 if a6 * k1 < 0.0 else 1.0
-    rep.tracked[TRACKED_CORRELATION] = sign * total[sx.COV] / np.sqrt(total[sx.VAR_A6] * total[sx.VAR_K1])
+    tracked.correlation = sign * total[sx.COV] / np.sqrt(total[sx.VAR_A6] * total[sx.VAR_K1])
 
 
 @inner
@@ -91,7 +82,7 @@ def report_air(belief, air, fil, total, contradicted, rep):
         else:
             report_part(total, x, p, fil.s[at, theta], fil.s[at, beta], rep.offset[role - MISALIGNMENT])
     if blows:
-        known = sx.air_at(air, sx.AIR_WIND, fil.time[sx.LAST]) if belief.constant[sx.AIRY] == 1.0 else 0.0
+        known = sx.air_at(air, sx.AIR_WIND, fil.time.last) if belief.constant.airy == 1.0 else 0.0
         report_part(total, wind / a, variance / (a * a), (for_a6 - wind / a) / a, for_k1 / a, rep.air[:])
         rep.air[0] += known
 
@@ -103,12 +94,12 @@ def report_servo(belief, fil, contradicted, rep):
     rep.actuator[:, :] = np.nan
     rep.actuator_corr[:] = np.nan
     constant, servo = belief.constant, fil.servo
-    unit = (constant[sx.FREQUENCY], constant[sx.DAMPING], 1.0)
+    unit = (constant.frequency, constant.damping, 1.0)
     for j in range(belief.size.servo):
         if contradicted:
             continue
         scale = belief.servo[j] * unit[j]
-        rep.actuator[j, 0] = (constant[sx.DELAY] if j == BY_DELAY else unit[j]) + scale * servo.mean[j]
+        rep.actuator[j, 0] = (constant.delay if j == BY_DELAY else unit[j]) + scale * servo.mean[j]
         rep.actuator[j, 1] = scale * std_of(belief.size, servo, j)
         for i in range(j):
             shared = 0.0
@@ -120,46 +111,46 @@ def report_servo(belief, fil, contradicted, rep):
 @inner
 def report_level(size, gauge, rep):
     """Give the place of each parameter in its range, if there is one and anything is known of them."""
-    rep.level[:, :] = np.nan
-    rep.flag[HAS_LEVEL] = rep.flag[IS_TRACKED] * size.ranged
+    rep.delta[:] = np.nan
+    rep.delta_std[:] = np.nan
+    rep.out_since[:] = np.nan
+    rep.probability[:, :] = np.nan
+    rep.has_level = rep.is_tracked * size.ranged
     if size.ranged == 0:
         return
     for p in range(2):
-        rep.raised[p] = gauge.flag[p, RAISED]
+        rep.raised[p] = gauge.raised[p]
         rep.band[p] = gauge.band[p]
         if rep.raised[p] == 1:
-            rep.level[p, OUT_SINCE] = gauge.since[p]
-        if rep.flag[HAS_LEVEL] == 1:
-            rep.level[p, DELTA], rep.level[p, DELTA_STD] = gauge.delta[p], gauge.delta_std[p]
+            rep.out_since[p] = gauge.since[p]
+        if rep.has_level == 1:
+            rep.delta[p], rep.delta_std[p] = gauge.delta[p], gauge.delta_std[p]
             for k in range(OUT + 1):
-                rep.level[p, PROBABILITY + k] = gauge.probability[p, k]
+                rep.probability[p, k] = gauge.probability[p, k]
 
 
 @inner
-def report_change(event, first, nominal, variance, parameter, rep):
-    """Write one parameter's part of a sudden change as a row of the report.  first: place in `event` of its value
-    before, which its value after follows."""
-    k = rep.flag[CHANGES]
-    before, after = event[first], event[first + 1]
-    change = rep.change[k]
-    change[C_TIME], change[C_TIME_STD], change[C_ALARM] = event[ch.E_TIME], event[ch.E_TIME_STD], event[ch.E_ALARM]
-    change[C_BEFORE], change[C_AFTER] = nominal * (1.0 + before), nominal * (1.0 + after)
-    change[C_SIZE], change[C_SIZE_STD] = nominal * (after - before), abs(nominal) * np.sqrt(variance)
-    rep.changed[k, C_PARAMETER], rep.changed[k, C_FINAL] = parameter, int(event[ch.E_STAGE] == ch.FINAL)
-    rep.flag[CHANGES] = k + 1
+def report_change(event, at, before, after, nominal, variance, parameter, rep):
+    """Write one parameter's part of sudden change `at` as a row of the report.  before, after, variance  relative"""
+    k, change = rep.changes, rep.change
+    change.time[k], change.time_std[k], change.alarm[k] = event.time[at], event.time_std[at], event.alarm[at]
+    change.before[k], change.after[k] = nominal * (1.0 + before), nominal * (1.0 + after)
+    change.size[k], change.size_std[k] = nominal * (after - before), abs(nominal) * np.sqrt(variance)
+    change.parameter[k], change.final[k] = parameter, int(event.stage[at] == ch.FINAL)
+    rep.changes = k + 1
 
 
 @inner
 def report_changes(profile, watch, rep):
     """Give those of the last MAX_EVENTS sudden changes that stand, oldest first; a change of both parameters is two
     rows."""
-    rep.flag[CHANGES] = 0
-    events = max(0, watch.counts[ch.EVENTS])
+    rep.changes = 0
+    event, events = watch.event, max(0, watch.counts.events)
     for number in range(max(0, events - ch.MAX_EVENTS), events):
-        event = watch.event[number % ch.MAX_EVENTS]
-        if event[ch.E_STAGE] == ch.WITHDRAWN:
+        at = number % ch.MAX_EVENTS
+        if event.stage[at] == ch.WITHDRAWN:
             continue
-        a6, k1 = sx.profile_at(profile, event[ch.E_TIME])
-        if event[ch.E_KIND] != ch.K1_JUMP:
-            report_change(event, ch.E_A6_BEFORE, a6, event[ch.E_A6_VARIANCE], sx.A6, rep)
-        report_change(event, ch.E_K1_BEFORE, k1, event[ch.E_K1_VARIANCE], sx.K1, rep)
+        a6, k1 = sx.profile_at(profile, event.time[at])
+        if event.kind[at] != ch.K1_JUMP:
+            report_change(event, at, event.a6_before[at], event.a6_after[at], a6, event.a6_variance[at], sx.A6, rep)
+        report_change(event, at, event.k1_before[at], event.k1_after[at], k1, event.k1_variance[at], sx.K1, rep)

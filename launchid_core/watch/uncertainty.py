@@ -26,10 +26,6 @@ RAISE = 0.9999           # at 0.999 one of 900 flights inside raised falsely; de
 CLEAR = 0.5
 NO_BAND = -1
 
-# flag (i8)
-RAISED, KNOWN_INSIDE = range(2)
-N_UNCERTAINTY_FLAGS = 2
-
 
 @inner
 def restart_gauge(gauge):
@@ -59,23 +55,22 @@ def judge(gauge, p, mean, std, t, t_first, onset):
 
     mean, std  of delta at t [s];  t_first [s]: the first sample;  onset [s]: of a sudden change in this block, or inf
     """
-    flag = gauge.flag[p]
     within = inside(EDGES[OUT - 1], mean, std)
     if within >= DECIDED:
-        flag[KNOWN_INSIDE] = 1
-    if flag[RAISED] == 1:
+        gauge.known_inside[p] = 1
+    if gauge.raised[p] == 1:
         if 1.0 - within < CLEAR:
-            flag[RAISED] = 0
+            gauge.raised[p] = 0
             gauge.since[p] = np.nan
         return
     if abs(mean) <= EDGES[OUT - 1]:
         gauge.since[p] = np.nan
         return
     if np.isnan(gauge.since[p]):
-        gauge.since[p] = t if flag[KNOWN_INSIDE] == 1 else t_first
+        gauge.since[p] = t if gauge.known_inside[p] == 1 else t_first
     gauge.since[p] = min(gauge.since[p], onset)
     if below(-EDGES[OUT - 1], -abs(mean), std) > RAISE:
-        flag[RAISED] = 1
+        gauge.raised[p] = 1
 
 
 @inner
@@ -84,9 +79,9 @@ def watch_range(sigma, gauge, total, now, t_first, counts, event):
     if not np.isfinite(total[sx.MEAN_A6] + total[sx.MEAN_K1]):
         return
     onset = np.inf
-    if counts[ch.EVENTS] > gauge.events[0]:
-        onset = event[(counts[ch.EVENTS] - 1) % ch.MAX_EVENTS, ch.E_TIME]
-    gauge.events[0] = counts[ch.EVENTS]
+    if counts.events > gauge.events:
+        onset = event.time[(counts.events - 1) % ch.MAX_EVENTS]
+    gauge.events = counts.events
     sigma_a6, sigma_k1 = sx.profile_at(sigma, now)
     judge(gauge, sx.A6, total[sx.MEAN_A6] / sigma_a6, math.sqrt(total[sx.VAR_A6]) / sigma_a6, now, t_first, onset)
     judge(gauge, sx.K1, total[sx.MEAN_K1] / sigma_k1, math.sqrt(total[sx.VAR_K1]) / sigma_k1, now, t_first, onset)
@@ -107,7 +102,7 @@ def weigh_bands(gauge, p, mean, std):
     for k in range(OUT):
         if probability[k] >= DECIDED:
             gauge.band[p] = k
-    if probability[OUT] >= DECIDED and gauge.flag[p, RAISED] == 1:
+    if probability[OUT] >= DECIDED and gauge.raised[p] == 1:
         gauge.band[p] = OUT
 
 

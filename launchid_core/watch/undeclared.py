@@ -23,11 +23,6 @@ WIND_STATES, LEAN_STATE = 4, 5  # of a filter's state: a6, k1, their slopes, w, 
 UNDECLARED_SIZE = 6
 CONSTANT, NEW = 0, 1       # the filters
 FILTERS = 2
-# flags: they are there; what else contradicts the model; the newer of what is remembered; blocks taken since
-FOUND, DOUBT, NEWER, AGE = range(4)
-N_UNDECLARED_FLAGS = 4
-NOISE, LASTED = 0, 1       # highest log noise level of a sensor when what is known was begun; [s] since beyond THERE
-N_UNDECLARED_NUMBERS = 2
 N_BLOCK_COLUMNS = 4        # columns of a block: a6, k1, acceleration, right-hand side
 UNDECLARED_STD = 0.1       # rad
 UNDECLARED_WALK = 5.0e-6   # rad/sqrt(s)
@@ -65,27 +60,30 @@ def restart_undeclared(state):
     for f in range(FILTERS):
         forget_places(state, f, 0, UNDECLARED_SIZE)
         state.better[f] = 0.0
-    state.flag[:] = 0
+    state.found = 0
+    state.doubt = 0
+    state.newer = 0
+    state.age = 0
     for slot in range(2):
         copy_knowledge(state.mean[CONSTANT], state.covariance[CONSTANT], state.past[slot], state.past_covariance[slot])
-    state.number[LASTED] = 0.0
+    state.lasted = 0.0
 
 
 @inner
 def begin_block(state):
     """Remember the first filter's knowledge before the block, in a ring of the last CHANGE_BLOCKS blocks."""
-    if state.flag[AGE] >= sx.CHANGE_BLOCKS:
-        state.flag[NEWER], state.flag[AGE] = 1 - state.flag[NEWER], 0
-        slot = state.flag[NEWER]
+    if state.age >= sx.CHANGE_BLOCKS:
+        state.newer, state.age = 1 - state.newer, 0
+        slot = state.newer
         copy_knowledge(state.mean[CONSTANT], state.covariance[CONSTANT], state.past[slot], state.past_covariance[slot])
-    state.flag[AGE] += 1
+    state.age += 1
 
 
 @inner
 def go_back(state, blocks):
     """a6 or k1 changed `blocks` (at most CHANGE_BLOCKS) ago: the first filter knows what it knew of w and d before, and
     of a6 and k1 nothing."""
-    slot = state.flag[NEWER] if state.flag[AGE] >= blocks else 1 - state.flag[NEWER]
+    slot = state.newer if state.age >= blocks else 1 - state.newer
     copy_knowledge(state.past[slot], state.past_covariance[slot], state.mean[CONSTANT], state.covariance[CONSTANT])
     forget_places(state, CONSTANT, 0, WIND_STATES)
 
@@ -96,16 +94,16 @@ def settle_doubt(state, doubt, level):
     nothing else contradicts the model any more a6 and k1 are open, and after a gust, of which they learned as it began,
     w and d too.  doubt  what else contradicts the model;  level (L,) in"""
     if doubt != NO_VERDICT:
-        state.flag[DOUBT] = max(state.flag[DOUBT], doubt)
-    elif state.flag[DOUBT] == KEEPS_CHANGING:
+        state.doubt = max(state.doubt, doubt)
+    elif state.doubt == KEEPS_CHANGING:
         restart_undeclared(state)
-    elif state.flag[DOUBT] != NO_VERDICT:
+    elif state.doubt != NO_VERDICT:
         for f in range(FILTERS):
             forget_places(state, f, 0, WIND_STATES)
-        state.flag[DOUBT] = NO_VERDICT
+        state.doubt = NO_VERDICT
     highest = max(level[0], level[1], level[2], 0.0)
-    if highest > state.number[NOISE] + RISEN:
-        state.number[NOISE] = highest
+    if highest > state.noise + RISEN:
+        state.noise = highest
         restart_undeclared(state)
 
 
@@ -188,8 +186,8 @@ def follow_undeclared(block, profile):
     if not contradiction < np.inf:
         restart_undeclared(state)
         return
-    state.number[LASTED] = state.number[LASTED] + dt if contradiction > THERE else 0.0
-    if state.number[LASTED] > LEVEL_PATIENCE:
-        state.flag[FOUND] = 1
+    state.lasted = state.lasted + dt if contradiction > THERE else 0.0
+    if state.lasted > LEVEL_PATIENCE:
+        state.found = 1
     elif contradiction < GONE:
-        state.flag[FOUND] = 0
+        state.found = 0

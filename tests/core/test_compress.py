@@ -1,5 +1,7 @@
 """Random rows: exactly as many as asked, in order, uniform, and the same for the same seed."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,10 +19,10 @@ seeds = st.integers(0, 2**40)
 def chosen(usable, p, state, n=None):
     """(kept rows, generator state after) of one draw."""
     usable = np.array(usable, dtype=np.int64)
-    random, kept = np.array([state], dtype=np.int64), np.full(max(p, 0) + 1, -1)
+    random, kept = SimpleNamespace(random=state), np.full(max(p, 0) + 1, -1)
     count = choose_rows(usable, usable.size if n is None else n, p, random, kept)
     assert np.all(kept[count:] == -1)
-    return kept[:count].tolist(), int(random[0])
+    return kept[:count].tolist(), int(random.random)
 
 
 # ---------------------------------------------------------------- laws

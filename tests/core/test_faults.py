@@ -20,7 +20,6 @@ from unjitted import unjitted
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core.filter import states as sx
-from launchid_core.gate import ring as rb
 from launchid_core.order import onboard as ob
 from launchid_core.order.memory import named_arrays
 from sim.flight import fly_whole
@@ -81,9 +80,8 @@ def hit(rows: range | Iterable[int], change: Callable[[Sample], Sample], length:
 def remembered(estimator: Estimator) -> dict[str, bytes]:
     """All that persists but the counters of answers, and what follows an earlier clock."""
     found = {name: array.copy() for name, array in persisting(estimator).items()}
-    found["counts"][rb.COUNT_FIRST:] = 0
-    found["clock"][rb.T_CANDIDATE] = 0.0
-    del found["guard"]
+    for name in ("counts.answers", "clock.candidate", "guard.control", "guard.carried"):
+        del found[name]
     return {name: array.tobytes() for name, array in found.items()}
 
 
@@ -261,13 +259,13 @@ def test_windows_are_counted_beyond_2_to_the_31():
         answers = [estimator.update(Sample(first + k * 0.001, 0.1, 0.2, 0.3)) for k in range(40)]
         assert answers.count(COMPLETE) >= 9
         assert first - 1e-5 <= estimator.estimate().t_start <= first + 0.04
-    assert estimator._parts.state.counts[rb.INDEX] > 2**31
+    assert estimator._parts.state.counts.index > 2**31
 
 
 @pytest.mark.parametrize("near", [2**31, 2**32, 2**53])
 def test_counters_go_on_beyond_the_sizes_of_smaller_numbers(near):
     estimator = Estimator(config())
-    estimator._parts.state.counts[rb.COUNT_FIRST:] = near - 3
+    estimator._parts.state.counts.answers[:] = near - 3
     for k in range(10):
         estimator.update(Sample(k * PERIOD, 0.1, 0.2, 0.3))
     assert estimator.counts["ACCEPTED"] == near + 7
@@ -411,9 +409,9 @@ def test_turns_are_forgotten_across_a_gap_and_a_spike_is_no_turn():
     rows = swinging(True)
     crossing = next(k for k in range(1, 400) if abs(rows[k].theta - rows[k - 1].theta) > 3.0)
     estimator = fly(config(), rows[:crossing + 1]).estimator
-    assert abs(estimator._parts.state.clock[rb.TURNED]) == 2.0 * math.pi
+    assert abs(estimator._parts.state.clock.turned) == 2.0 * math.pi
     estimator.update(rows[crossing + 50])
-    assert estimator._parts.state.clock[rb.TURNED] == 0.0
+    assert estimator._parts.state.clock.turned == 0.0
     for spike in (2.0, 3.0, -3.0, 3.2, 90.0):
         assert fly(config(), hit([1500], lambda s, spike=spike: s._replace(theta=spike), 1600)).counted["WRAP"] == 0
 
@@ -451,9 +449,9 @@ def test_every_word_of_the_state_that_changes_by_itself_is_seen(of):
     one = fly(of, rows[:155]).estimator
     saved, counted = one.save(), one.counts
     for name, array in persisting(one).items():
-        if name.startswith("outcome"):
+        if name.startswith("outcome") or name == "counts.answers":
             continue
-        own = range(rb.COUNT_FIRST) if name == "counts" else range(array.size)
+        own = range(array.size)
         # each word of the small arrays, some of the large ones; every bit in turn
         for turn, place in enumerate(own if len(own) < 40 else own[::max(1, len(own) // 25)]):
             one.restore(saved)
@@ -469,7 +467,7 @@ def test_a_row_of_the_block_that_changes_by_itself_is_seen(place):
             for k in range(200)]
     one = fly(of, rows[:155]).estimator
     waiting = persisting(one)["rows"]
-    count = one._parts.state.acc.counts[0]
+    count = one._parts.state.acc.counts.rows
     assert count == 3 * 50 and waiting[place, :count].any()
     flip(waiting, int(np.ravel_multi_index((place, count), waiting.shape)), 3)  # is written before it is read
     flip(waiting, int(np.ravel_multi_index((place, count - 1), waiting.shape)), 3)
@@ -511,7 +509,7 @@ def test_a_damaged_outcome_raises_nothing_and_is_overwritten_by_the_next_window(
 
 def test_a_bad_sample_does_not_begin_anew():
     one = fly(config(), flight()[:155]).estimator
-    one._parts.state.clock[rb.T_FIRST] += 0.25
+    one._parts.state.clock.first += 0.25
     assert one.update(Sample(NAN, 0.0, 0.0, 0.0)) is Status.NONFINITE
     assert one.update(flight()[155]) is Status.RECOVERED
     assert one.counts["NONFINITE"] == one.counts["RECOVERED"] == 1

@@ -16,10 +16,8 @@ from launchid.identification.windows import onboard_model, run
 from launchid.test_input import plan
 from launchid_core import Config, Estimator, Sample
 from launchid_core.algebra import linsolve
-from launchid_core.filter import filtered as fl
 from launchid_core.filter import kalman as km
 from launchid_core.filter import servo as sv
-from launchid_core.filter import states as sx
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 
@@ -63,16 +61,16 @@ def rows_of(seed: int, n: int, nominal=None) -> np.ndarray:
 def test_one_step_is_the_matrix_exponential(damping):
     """The state over a step and what the command and a held acceleration do to it, a6 d h^3/6 apart."""
     belief, fil, work = stepped()
-    belief.constant[sx.AERO_DAMPING] = damping
+    belief.constant.aero_damping = damping
     set_step(belief.constant, *belief.constant[:2], PERIOD, work, fil.step)
     fill_transition(belief, fil, work.transition, 2.0, -7.0, work.push)
     whole = linalg.expm(system(2.0, -7.0, 50.0, 0.7, damping) * PERIOD)
     left_out = 2.0 * PERIOD**2 * (1.0 + abs(damping) * PERIOD)
     assert np.allclose(work.transition, whole[:4, :4], rtol=left_out, atol=1e-10)
-    made = -7.0 * np.array([fil.step[sv.J2 + 2], fil.step[sv.J1 + 2]])
+    made = -7.0 * np.array([fil.step.twice[2], fil.step.once[2]])
     assert made == pytest.approx(whole[:2, 4], rel=left_out)
-    assert fil.step[sv.ANGLE_OF_RATE] == pytest.approx(whole[1, 5], rel=left_out)
-    assert fil.step[sv.FADE] == pytest.approx(math.exp(-damping * PERIOD), rel=1e-12)
+    assert fil.step.reach == pytest.approx(whole[1, 5], rel=left_out)
+    assert fil.step.fade == pytest.approx(math.exp(-damping * PERIOD), rel=1e-12)
 
 
 @given(seed=hs.integers(0, 10_000), k=hs.integers(1, 30), n=hs.integers(1, 8))
@@ -100,10 +98,10 @@ def test_innovations_are_linear_in_the_parameters():
         out = []
         for row in rows:
             take(cut, row)
-            k = acc.counts[fl.BLOCK_ROWS]
+            k = acc.counts.rows
             h_theta, h_beta, target = (held[j, :k].copy() for j in (4, 5, len(held) - 1))
             out.append((h_theta, h_beta, target - h_theta * fil.p_bar[0] - h_beta * fil.p_bar[1]))
-            acc.counts[fl.BLOCK_ROWS] = 0
+            acc.counts.rows = 0
         results.append(out)
     base = np.array([np.concatenate([block[j] for block in results[0]]) for j in range(3)])
     moved = np.array([np.concatenate([block[j] for block in results[1]]) for j in range(3)])

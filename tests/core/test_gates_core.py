@@ -132,10 +132,10 @@ def test_the_onsets_time_is_the_mean_of_the_blocks_by_their_factors():
 
 
 def alarm(watch, slot: int, kind: int, t_now: float):
-    """Raise it; returns the belief after, and the last event."""
+    """Raise it; returns the belief after, and the place of the last event."""
     after = np.zeros(sx.N_BELIEF)
     raise_alarm(watch, slot, kind, float(watch.factor[slot, kind]), 0.1, t_now, after)
-    return after, watch.event[(watch.counts[ch.EVENTS] - 1) % ch.MAX_EVENTS]
+    return after, (watch.counts.events - 1) % ch.MAX_EVENTS
 
 
 def test_the_last_events_leave_oldest_first():
@@ -143,9 +143,9 @@ def test_the_last_events_leave_oldest_first():
     watch = estimator._parts.state.watch
     for k in range(ch.MAX_EVENTS + 3):
         opened(watch, 1, first=float(k))
-        _, event = alarm(watch, int(watch.counts[ch.NEXT] - 1) % sx.CHANGE_BLOCKS, ch.K1_JUMP, float(k))
-        assert event[ch.E_STAGE] == ch.OPEN  # also where an older one stood
-        event[ch.E_STAGE] = ch.FINAL
+        _, last = alarm(watch, int(watch.counts.next - 1) % sx.CHANGE_BLOCKS, ch.K1_JUMP, float(k))
+        assert watch.event.stage[last] == ch.OPEN  # also where an older one stood
+        watch.event.stage[last] = ch.FINAL
     for _ in range(2):  # asking changes nothing
         assert [change.t for change in estimator.changes()] == list(range(3, ch.MAX_EVENTS + 3))
         assert {change.parameter for change in estimator.changes()} == {"k1"}

@@ -13,12 +13,8 @@ from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator, Sample
 from launchid_core.filter import filtered as fl
 from launchid_core.filter import kalman as km
-from launchid_core.filter import servo as sv
 from launchid_core.filter import states as sx
 from launchid_core.filter import structure as sr
-from launchid_core.filter import whiteness as wh
-from launchid_core.gate import ring as rb
-from launchid_core.watch import changes as ch
 from launchid_core.watch import report as rp
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
@@ -49,9 +45,9 @@ def parts_at(rate: float):
 
 def take(cut, t: float, theta=0.0, theta_dot=0.0, beta=0.0, beta_cmd=0.0) -> int:
     """Give the filter one sample; returns how many rows it became."""
-    state, before = cut.state, int(cut.state.acc.counts[fl.BLOCK_ROWS])
+    state, before = cut.state, int(cut.state.acc.counts.rows)
     take_row(cut, np.array([t, theta, theta_dot, beta, math.nan, beta_cmd, math.nan]))
-    return int(state.acc.counts[fl.BLOCK_ROWS]) - before
+    return int(state.acc.counts.rows) - before
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +81,7 @@ def test_a_measurement_is_an_outlier_beyond_eight_sigma_of_its_innovation(channe
         z = fil.x[channel] + share * limit
         assert take(cut, 0.01, **nothing | {CHANNELS[channel]: z}) == 1 - outlier
         assert cut.state.filter.outliers.tolist() == [outlier * (k == channel) for k in range(3)]
-        assert cut.state.filter.note[sx.OUTLIERS] == outlier
+        assert cut.state.filter.note.outliers == outlier
 
 
 # ---- the filter begins anew
@@ -130,7 +126,7 @@ def test_an_unknown_command_is_the_nozzles_place_and_some_doubt():
         take(cut, 0.01, theta=math.nan, theta_dot=math.nan, beta=math.nan)
     assert unknown.state.filter.x == pytest.approx(known.state.filter.x)
     doubt = km.UNKNOWN_COMMAND_STD**2 - known.fixed.belief.variance[3]
-    gamma = known.state.filter.step[sv.PATH_PLACE]
+    gamma = known.state.filter.step.by_command[0]
     assert unknown.state.filter.p[2, 2] - known.state.filter.p[2, 2] == pytest.approx(gamma**2 * doubt)
 
 
@@ -166,7 +162,7 @@ def test_a_block_lasts_until_the_next_one_so_that_what_fades_does_so_in_seconds(
     for k, row in enumerate(noise.tolist()):
         estimator.update(Sample(k / rate, *row, beta_cmd=0.0))
     weight = 1.0 / (1.0 - math.exp(-2.0 * 0.1 / 10.0))
-    assert estimator._parts.state.check.number[wh.SUM_WEIGHT] == pytest.approx(weight, rel=1e-3)
+    assert estimator._parts.state.check.sum_weight == pytest.approx(weight, rel=1e-3)
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.1, 0.5])
@@ -175,7 +171,7 @@ def test_of_what_is_known_of_the_terms_nine_tenths_are_left_after_a_second(dt):
     cut = parts(library="theta,beta,theta_dot")
     learned, ones = cut.state.learned, np.triu(np.ones((4, 4)))
     learned[...] = ones
-    cut.state.filter.time[sx.LAST] = dt - cut.fixed.limits[rb.PERIOD]
+    cut.state.filter.time.last = dt - cut.fixed.limits.period
     for _ in range(round(1.0 / dt)):
         learn_structure((cut.memory.parts,))
     assert learned.T @ learned == pytest.approx(0.9 * ones.T @ ones, rel=0.002)
@@ -201,17 +197,17 @@ def test_a_block_that_raises_the_alarm_is_neither_noise_nor_structure_nor_the_wi
     estimator = flown(samples[:305], config(library="quadratic"))
     state, learned = estimator._parts.state, estimator._parts.state.learned
     level, structure = state.filter.level.copy(), learned.copy()
-    newest = (state.watch.counts[ch.NEXT] - 1) % sx.CHANGE_BLOCKS
+    newest = (state.watch.counts.next - 1) % sx.CHANGE_BLOCKS
     state.watch.factor[newest] = 1e3
     reseal(estimator)
     fed(estimator, samples[305:310])
-    assert state.watch.counts[ch.EVENTS] == 1
+    assert state.watch.counts.events == 1
     assert state.filter.level.tolist() == level.tolist() and learned.tolist() == structure.tolist()
     assert not state.acc.score.any() and not state.acc.information.any()
     terms = np.zeros_like(state.acc.window)
     known = range(4, len(terms) - 1 - sx.N_TESTS)
     terms[known, known] = fl.WEAK_PRIOR
-    assert state.acc.window.tolist() == terms.tolist() and state.acc.counts[fl.SAMPLES] == 0
+    assert state.acc.window.tolist() == terms.tolist() and state.acc.counts.samples == 0
 
 
 # ---- a window, and what is reported
@@ -231,6 +227,6 @@ def test_the_tracked_estimate_is_valid_once_something_is_known(share, known, pla
     total = estimator._parts.state.bank.total
     total[:] = 0.0, 0.0, sx.FIRST_STD**2, 0.0, sx.FIRST_STD**2
     total[place] = (share * rp.KNOWN_SHARE * sx.FIRST_STD) ** 2
-    assert estimator._report().flag[rp.IS_TRACKED] == known
+    assert estimator._report().is_tracked == known
     total[sx.MEAN_K1] = math.nan
-    assert estimator._report().flag[rp.IS_TRACKED] == 0
+    assert estimator._report().is_tracked == 0

@@ -11,8 +11,6 @@ from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model, run
 from launchid_core import Config, Estimator
-from launchid_core.filter import filtered as fl
-from launchid_core.gate import ring as rb
 from launchid_core.order import onboard as ob
 from launchid_core.watch import gusts as gu
 from sim.effects import from_text
@@ -93,7 +91,7 @@ def test_without_data_a_gust_is_as_likely_as_they_come_and_go(cut):
         density = follow_gust(cut.fixed.belief, cut.state.filter, cut.state.gust, cut.work.gust,
                               np.zeros((n + 1, n + 1)), BELIEF, 0.1, 0.0)
         assert density == pytest.approx(0.0, abs=1e-12)
-    assert cut.state.gust.number[0] == pytest.approx(gu.GUST_LASTS / (gu.MEAN_CALM + gu.GUST_LASTS),
+    assert cut.state.gust.probability == pytest.approx(gu.GUST_LASTS / (gu.MEAN_CALM + gu.GUST_LASTS),
                                                                  rel=0.05)
 
 
@@ -126,11 +124,11 @@ def test_what_was_suspected_before_a_gap_is_nothing_after_it():
     state = one._parts.state
     at = next(k for k, row in enumerate(rows)
               if one.update(row) >= 0 and row.t > 40.0
-              and state.acc.counts[fl.BLOCK_ROWS] == state.counts[rb.WAITING] == 0
-              and 0.01 < state.gust.number[0] < 0.9)
+              and state.acc.counts.rows == state.counts.waiting == 0
+              and 0.01 < state.gust.probability < 0.9)
     two = Estimator(config())
     two.restore(one.save())
-    two._parts.state.gust.number[:], two._parts.state.gust.mean[:] = 0.0, 0.0
+    two._parts.state.gust.probability, two._parts.state.gust.mean[:] = 0.0, 0.0
     two._parts.state.gust.covariance[...] = 0.0
     reseal(two)
     assert one.save() != two.save()

@@ -138,7 +138,7 @@ def test_of_a_known_servo_nothing_is_estimated_and_no_word_is_kept():
     assert last.actuator is None
     assert known._memory.size.servo == known._memory.size.responses == 0
     assert all(entry not in entries.entries_of(known.config, known._memory) for entry in entries.SERVO_ENTRIES)
-    assert all(array.size == 0 for name, array in persisting(known).items() if "servo" in name)
+    assert not any(array.any() for name, array in persisting(known).items() if "servo" in name)
 
 
 def test_a_servo_that_is_all_but_known_is_as_a_known_one():
@@ -161,7 +161,7 @@ def responses(about: tuple[float, float, float], h: float = PERIOD) -> np.ndarra
     belief, fil = cut.fixed.belief, cut.state.filter
     fil.servo.about[:] = about
     unjitted(sv.believe_servo)(belief, fil)
-    fil.servo.number[sv.NEXT_STEP] = h
+    fil.servo.next_step = h
     set_servo_step((cut.memory.parts,))
     return fil.servo.response.copy()
 

@@ -8,7 +8,7 @@ from statistics import NormalDist
 import numba
 import numpy as np
 import pytest
-from cut import cut_of, fed, take
+from cut import copied, cut_of, fed, scratch, take
 from shortened import CALM, WINDY
 from unjitted import unjitted
 
@@ -19,11 +19,9 @@ from launchid_core.filter import kalman as km
 from launchid_core.filter import servo as sv
 from launchid_core.filter import states as sx
 from launchid_core.filter import whiteness as wh
-from launchid_core.gate import window as wn
-from launchid_core.gate.window import STATUS
 from launchid_core.model import OFFSETS
+from launchid_core.order.table import CONSTANT, STEP
 from launchid_core.status import EstimateStatus
-from launchid_core.watch import changes as ch
 from sim.effects import from_text
 from sim.errors import InputError
 from sim.flight import Flight, fly_whole
@@ -78,36 +76,36 @@ def calm_parts():
 @pytest.mark.parametrize("damping", [0.05, 0.3, 0.7, 1.0, 1.0 + 1e-9, 2.0, 10.0])
 def test_a_step_of_the_servo_is_the_matrix_exponential(calm_parts, damping):
     """States in units of one size: double integral/h^2, integral/h, beta, beta_dot/w, command."""
-    constant, work, step = calm_parts.fixed.belief.constant.copy(), calm_parts.work.filter, np.zeros(sv.N_STEP)
-    constant[sx.DAMPING] = damping
+    constant, work, step = copied(CONSTANT, calm_parts.fixed.belief.constant), calm_parts.work.filter, scratch(STEP, 2)
+    constant.damping = damping
     for turned in np.geomspace(1e-3, 50.0, 25):
-        w = constant[sx.FREQUENCY] = turned / PERIOD
-        set_step(constant, *constant[:2], PERIOD, work, step)
+        w = constant.frequency = turned / PERIOD
+        set_step(constant, w, damping, PERIOD, work, step)
         a = np.zeros((5, 5))
         a[0, 1] = a[1, 2] = 1.0
         a[2, 3], a[3] = turned, [0.0, 0.0, -turned, -2.0 * damping * turned, turned]
         exact = linalg.expm(a)
         unit = np.array([1.0, 1.0 / w, 1.0])
-        assert_close(step[sv.PHI:sv.PATH_PLACE].reshape(2, 2) * [[1.0, w], [1.0 / w, 1.0]], exact[2:4, 2:4])
-        assert_close(step[sv.PATH_PLACE:sv.J1] * [1.0, 1.0 / w], exact[2:4, 4])
-        assert_close(step[sv.J1:sv.J2] / unit / PERIOD, exact[1, 2:])
-        assert_close(step[sv.J2:sv.KEEP_PLACE] / unit / PERIOD**2, exact[0, 2:])
+        assert_close(step.phi * [[1.0, w], [1.0 / w, 1.0]], exact[2:4, 2:4])
+        assert_close(step.by_command * [1.0, 1.0 / w], exact[2:4, 4])
+        assert_close(step.once / unit / PERIOD, exact[1, 2:])
+        assert_close(step.twice / unit / PERIOD**2, exact[0, 2:])
 
 
 @pytest.mark.parametrize("share", [0.01, 0.1, 1.0, 7.0, 50.0])
 def test_a_step_of_a_first_order_servo_and_of_turbulence_is_their_exponential(calm_parts, share):
-    constant, work, step = calm_parts.fixed.belief.constant.copy(), calm_parts.work.filter, np.zeros(sv.N_STEP)
-    constant[sx.FREQUENCY] = constant[sx.DAMPING] = math.nan  # not used
+    constant, work, step = copied(CONSTANT, calm_parts.fixed.belief.constant), calm_parts.work.filter, scratch(STEP, 2)
+    constant.frequency = constant.damping = math.nan  # not used
     h, t = PERIOD, PERIOD / share
-    constant[sx.TIME_CONSTANT], constant[sx.TURBULENCE_TIME] = t, 3.0 * t
-    set_step(constant, *constant[:2], h, work, step)
+    constant.time_constant, constant.turbulence_time = t, 3.0 * t
+    set_step(constant, math.nan, math.nan, h, work, step)
     gone = -math.expm1(-share)
-    assert step[sv.STEP_PLACE] == h
-    assert_close(step[sv.PHI:sv.J1], [1.0 - gone, 0.0, 0.0, 0.0, gone, 0.0], 1e-14)
-    assert_close(step[sv.J1:sv.J2], [t * gone, 0.0, h - t * gone], 1e-12)
+    assert step.h == h
+    assert_close([*step.phi.ravel(), *step.by_command], [1.0 - gone, 0.0, 0.0, 0.0, gone, 0.0], 1e-14)
+    assert_close(step.once, [t * gone, 0.0, h - t * gone], 1e-12)
     held = t * h - t * t * gone
-    assert_close(step[sv.J2:sv.KEEP_PLACE], [held, 0.0, 0.5 * h * h - held], 1e-11)
-    assert step[sv.KEEP_PLACE] == pytest.approx(math.exp(-share / 3.0), rel=1e-15)
+    assert_close(step.twice, [held, 0.0, 0.5 * h * h - held], 1e-11)
+    assert step.keep == pytest.approx(math.exp(-share / 3.0), rel=1e-15)
 
 
 class Plain:
@@ -191,7 +189,7 @@ def test_score_of_the_levels_is_the_slope_of_a_plain_filters_likelihood(nominal)
     state.filter.level[...] = levels
     for row in rows:
         take(cut, row)
-        state.acc.counts[fl.BLOCK_ROWS] = 0
+        state.acc.counts.rows = 0
     step = 1e-4
     slopes = [(plain_likelihood(of.model, rows, levels + step * unit)
                - plain_likelihood(of.model, rows, levels - step * unit)) / (2 * step) for unit in np.eye(len(levels))]
@@ -226,8 +224,8 @@ def test_the_filter_in_wind_is_a_plain_kalman_filter():
             plain.predict(table[k - 1, 5])
         e, s = plain.correct(row[1:4])
         take(cut, row)
-        assert state.acc.counts[fl.BLOCK_ROWS] == 3
-        state.acc.counts[fl.BLOCK_ROWS] = 0
+        assert state.acc.counts.rows == 3
+        state.acc.counts.rows = 0
         assert np.allclose(cut.apart["rows"][-1, :3], e / np.sqrt(s), rtol=1e-9, atol=1e-9)
         column = plain.p @ plain.h[2] * s[2] / plain.r[2]  # before the update: P h (1 - (S - r)/S) = P+ h
         assert np.allclose(cut.work.filter.column, column, rtol=1e-9, atol=1e-9 * np.max(np.abs(column)))
@@ -273,7 +271,7 @@ def test_a_calm_model_has_no_nuisance_and_no_wind():
     assert of.model.nuisances == () and of.model.levels == ("theta_std", "theta_dot_std", "beta_std",
                                                              "command_noise_std", "acceleration_noise_std")
     cut = cut_of(of)
-    assert cut.fixed.belief.constant[sx.HELD] == cut.fixed.belief.constant[sx.AIRY] == 0.0
+    assert cut.fixed.belief.constant.held == cut.fixed.belief.constant.airy == 0.0
     assert len(cut.state.filter.x) == 4 and cut.fixed.belief.partner.tolist() == [sx.ABSENT] * 3
     zero = dataclasses.replace(CALM, wind=Wind(walk=0.0, turbulence=0.0), offsets=Offsets())
     assert config(zero).model == of.model
@@ -379,11 +377,11 @@ def test_a_disturbance_that_is_not_declared_is_the_models_fault_and_no_change():
     estimator, estimates = Estimator(config(CALM)), []
     state, raised = estimator._parts.state, 0
     for sample in flight.samples():
-        before = state.check.flag[wh.WHITENESS_RAISED], state.watch.counts[ch.EVENTS]
+        before = state.check.raised, state.watch.counts.events
         if estimator.update(sample) == Status.WINDOW_COMPLETE:
             estimates.append(estimator.estimate())
-        if before[0] == 1 and state.check.flag[wh.WHITENESS_RAISED] == 1:
-            assert state.watch.counts[ch.EVENTS] == before[1]
+        if before[0] == 1 and state.check.raised == 1:
+            assert state.watch.counts.events == before[1]
             raised += 1
     assert raised > 6000
     assert [estimate.status.name for estimate in estimates].count("MODEL") >= 12
@@ -413,12 +411,12 @@ def blocks_fed(check, total, level, blocks, statistic):
             check.mean[c, 0] = blocks[k, c] * math.sqrt(10.0)
             check.seen[c] = 10
         wh.queue_block(check, level, total[:2], total)
-        before = check.flag[wh.WHITENESS_RAISED]
-        if check.flag[wh.BLOCKS_WAITING] >= sx.CHANGE_BLOCKS:
+        before = check.raised
+        if check.waiting >= sx.CHANGE_BLOCKS:
             wh.take_block(check, 0.1)
         wh.judge_model(check, level, 0, 0.1 * k)
-        raised += int(check.flag[wh.WHITENESS_RAISED] == 1 and before == 0)
-        statistic[k] = check.number[wh.STATISTIC]
+        raised += int(check.raised == 1 and before == 0)
+        statistic[k] = check.statistic
     return raised
 
 
@@ -451,9 +449,9 @@ def test_a_noise_level_beyond_ten_times_is_the_models_fault_but_not_the_winds():
     for k in range(7):
         for value, raised in ((0.99 * wh.HIGHEST_LEVEL, 0), (1.01 * wh.HIGHEST_LEVEL, int(k < 5)), (0.0, 0)):
             level[k] = value
-            before = check.flag[wh.WHITENESS_RAISED]
+            before = check.raised
             assert judge_model(check, level, 0, 0.0) == (before == 1 and raised == 0)
-            assert check.flag[wh.WHITENESS_RAISED] == raised
+            assert check.raised == raised
 
 
 def test_a_quiet_first_window_does_not_take_its_guesses_of_the_offsets_for_information():
@@ -483,7 +481,7 @@ def test_the_p_value_is_that_of_a_chi_square():
     cut = cut_of(config(CALM))
     check = cut.state.check
     for statistic in (30.0, 63.0, 90.0, 130.0):
-        check.number[wh.STATISTIC] = statistic
+        check.statistic = statistic
         exact = stats.chi2.sf(statistic / wh.MEAN_STATISTIC * wh.FREEDOM, wh.FREEDOM)
         assert likelihood_of_chance(check) == pytest.approx(exact, rel=0.05, abs=1e-4)
 
@@ -509,15 +507,15 @@ def solved(correlation: float, std: float):
 def test_a_window_that_cannot_tell_a6_from_k1_says_so(correlation, std, status):
     cut = solved(correlation, std)
     work, belief = cut.work.acc, cut.fixed.belief
-    assert abs(work.deviation) == pytest.approx([std, std, abs(correlation)], rel=1e-9)
+    assert np.abs(work.deviation) == pytest.approx([std, std, abs(correlation)], rel=1e-9)
     assert work.coefficient == pytest.approx([0.1, -0.2], rel=1e-9)
     found = report_window(belief, cut.apart["profile"], cut.state, work, 2.5)
     assert EstimateStatus(found).name == status
-    number = cut.state.outcome.number
-    assert (number[wn.O_A6_BOUND], number[wn.O_K1_BOUND]) == pytest.approx((2.0 * std, 7.0 * std))
+    out = cut.state.outcome
+    assert (out.a6_bound, out.k1_bound) == pytest.approx((2.0 * std, 7.0 * std))
     if status == "OK":
-        assert (number[wn.O_A6], number[wn.O_K1]) == pytest.approx((2.2, -5.6))
-    cut.state.check.flag[wh.IN_WINDOW] = 1
+        assert (out.a6, out.k1) == pytest.approx((2.2, -5.6))
+    cut.state.check.in_window = 1
     contradicted = EstimateStatus(report_window(belief, cut.apart["profile"], cut.state, work, 2.5)).name
     assert contradicted == ("LOW_INFORMATION" if status == "LOW_INFORMATION" else "MODEL")
 
@@ -543,7 +541,7 @@ def test_a_limit_of_an_absent_term_is_the_95_percent_one_of_least_squares():
     acc.window[...] = np.triu(noise + 4.0 * np.eye(len(noise)))
     active[:] = 0
     active[[cut.memory.size.theta, cut.memory.size.beta]] = 1
-    out.flag[STATUS] = 0
+    out.status = 0
     limit_terms((cut.memory.parts,), cut.apart["profile"])
     kept = [*range(n), *(n + np.flatnonzero(active))]
     for term in np.flatnonzero(active == 0):

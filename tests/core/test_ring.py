@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from cut import fed, persisting
+from cut import fed, persisting, scratch
 from every import every
 from hypothesis import given, settings
 from hypothesis import strategies as hs
@@ -16,8 +16,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from unjitted import unjitted
 
 from launchid_core import Config, Estimator, Sample, Status
-from launchid_core.gate import guard
 from launchid_core.gate import ring as rb
+from launchid_core.order import table
 from launchid_core.order.memory import named_arrays
 
 TICK = 1.0 / 1024.0
@@ -57,13 +57,12 @@ def addresses(estimator: Estimator) -> list[int]:
 
 
 def assert_changed_nothing_but_a_counter(before: dict[str, np.ndarray], estimator: Estimator, status: Status) -> None:
-    """Byte for byte; an earlier stamp is also followed by count[CANDIDATES] and clock[T_CANDIDATE]."""
+    """Byte for byte; an earlier stamp is also followed by count.candidates and clock.candidate."""
     before = {name: array.copy() for name, array in before.items()}
-    before["counts"][rb.COUNT_FIRST + status - Status.BUSY] += 1
+    before["counts.answers"][status - Status.BUSY] += 1
     if status == Status.DT_NEGATIVE:
-        before["counts"][rb.CANDIDATES] = estimator._parts.state.counts[rb.CANDIDATES]
-        before["clock"][rb.T_CANDIDATE] = estimator._parts.state.clock[rb.T_CANDIDATE]
-        before["guard"][guard.CONTROL] = estimator._parts.state.guard[guard.CONTROL]
+        for name in ("counts.candidates", "clock.candidate", "guard.control"):
+            before[name] = arrays(estimator)[name]
     for name, array in arrays(estimator).items():
         assert array.tobytes() == before[name].tobytes(), name
 
@@ -230,9 +229,10 @@ TestRing.settings = TestOddRing.settings = settings(stateful_step_count=25)
 
 def push_all(stamps: np.ndarray, window: float, period: float) -> list[int]:
     """Statuses of samples at these stamps from the kernel alone (no estimate is computed)."""
-    limits, clock = np.full(rb.N_LIMITS, 1e12), np.zeros(rb.N_CLOCK)
-    limits[rb.PERIOD], limits[rb.WINDOW], limits[rb.MAX_GAP] = period, window, 1.5 * period
-    count, ring = np.zeros(rb.N_COUNT, np.int64), np.zeros((round(window / period) + 1, rb.N_COLUMNS))
+    limits, clock, count = scratch(table.LIMITS, 2), scratch(table.CLOCK, 2), scratch(table.COUNTS, 2)
+    limits.period, limits.window, limits.max_gap = period, window, 1.5 * period
+    limits.largest[:] = 1e12
+    ring = np.zeros((round(window / period) + 1, rb.N_COLUMNS))
     push = unjitted(rb.push)
     return [push(limits, clock, count, ring, t, 0.1, 0.2, 0.3, NAN, NAN, NAN) for t in stamps.tolist()]
 

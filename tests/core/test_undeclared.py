@@ -14,9 +14,7 @@ from launchid.robustness.level import ranged_model
 from launchid.weakform.windows import withdrawn
 from launchid_core import Config, EstimateStatus, Estimator, Status
 from launchid_core.filter import states as sx
-from launchid_core.gate.guard import CARRIED
 from launchid_core.order.memory import named_arrays
-from launchid_core.watch import changes as ch
 from launchid_core.watch import undeclared as un
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters
@@ -57,7 +55,7 @@ def flown(name: str, effect: str = ""):
     for sample in flight.samples():
         if estimator.update(sample) is Status.WINDOW_COMPLETE:
             windows.append(estimator.estimate())
-            there.append(int(estimator._parts.state.undeclared.flag[un.FOUND]))
+            there.append(int(estimator._parts.state.undeclared.found))
     (a6, k1) = parameters(nominal, np.array([0.5 * (w.t_start + w.t_end) for w in windows]), effects=effects)
     lies = [w.valid and (abs(w.a6 - a) > FAR * w.a6_std or abs(w.k1 - k) > FAR * w.k1_std)
             for w, a, k in zip(windows, a6, k1, strict=True)]
@@ -147,7 +145,7 @@ def test_what_contradicts_the_model_was_no_sudden_change(name, effect):
     """Each raises an alarm before it contradicts; what is asked for afterwards holds none, and counts them."""
     estimator = sudden(name, effect)
     assert estimator.changes() == ()
-    assert estimator.counts["CHANGE_WITHDRAWN"] > 0 or not estimator._parts.state.watch.counts[ch.EVENTS]
+    assert estimator.counts["CHANGE_WITHDRAWN"] > 0 or not estimator._parts.state.watch.counts.events
 
 
 @pytest.mark.parametrize("blocks", [1, 2, sx.CHANGE_BLOCKS - 1, sx.CHANGE_BLOCKS])
@@ -239,7 +237,7 @@ def test_noise_far_above_the_declared_is_none():
         estimator = Estimator(config(right))
         for sample in list(fly_whole(noisy, SEED).samples())[:4000]:
             estimator.update(sample)
-            assert estimator._parts.state.undeclared.flag[un.FOUND] == 0
+            assert estimator._parts.state.undeclared.found == 0
 
 
 def test_drifting_a6_and_k1_are_none():
@@ -250,7 +248,7 @@ def test_drifting_a6_and_k1_are_none():
     estimator = Estimator(config(nominal))
     for sample in flight.samples():
         estimator.update(sample)
-        assert estimator._parts.state.undeclared.flag[un.FOUND] == 0
+        assert estimator._parts.state.undeclared.found == 0
 
 
 @pytest.mark.parametrize("library", ["rigid-body", "quadratic"])
@@ -266,7 +264,7 @@ def test_the_kernels_seal_is_that_of_every_array_that_is_carried(air, library):
     state, memory = estimator._parts.state, estimator._memory
     gate = state._replace(clock=None, counts=None, guard=None, outcome=None)
     assert all(np.shares_memory(array, memory.words) for _, array in named_arrays(gate) if array.size)
-    assert state.guard[CARRIED] == carried(memory)
+    assert state.guard.carried == carried(memory)
 
 
 def test_rounding_that_breaks_the_covariance_begins_it_anew():

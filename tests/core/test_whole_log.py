@@ -37,23 +37,23 @@ def test_in_parts_and_as_samples_too():
 
 
 def set_back(memory):
-    memory.parts.state.clock[rb.T_FIRST] -= 1.0
+    memory.parts.state.clock.first -= 1.0
 
 
 def set_forward(memory):
-    memory.parts.state.clock[rb.T_FIRST] += 1.0
+    memory.parts.state.clock.first += 1.0
 
 
 def late(memory):
-    memory.parts.state.clock[rb.T_LAST] += 1.0
+    memory.parts.state.clock.last += 1.0
 
 
 def unbegun(memory):
-    memory.parts.state.counts[rb.STARTED] = 0
+    memory.parts.state.counts.started = 0
 
 
 def row(memory):
-    memory.apart["ring"][memory.parts.state.counts[rb.HEAD] - 3, rb.THETA] += 1.0
+    memory.apart["ring"][memory.parts.state.counts.head - 3, rb.THETA] += 1.0
 
 
 @pytest.mark.parametrize("damage", [set_back, set_forward, late, unbegun, row])

@@ -3,13 +3,13 @@
 void launchid_state_reset(launchid_state *state)
 {
     (void)memset(state, 0, sizeof *state);
-$initial    state->state.guard[GUARD_CARRIED] = $seal;
+$initial    state->state.guard.carried = $seal;
 }
 
 launchid_status launchid_state_update(launchid_state *state, launchid_work *work, const launchid_sample *s)
 {
     if (state->busy == LAUNCHID_BUSY_MARK) {
-        state->state.counts[RING_COUNT_FIRST]++;
+        state->state.counts.answers[0]++;
         return LAUNCHID_BUSY;
     }
     state->busy = LAUNCHID_BUSY_MARK;
@@ -17,12 +17,12 @@ launchid_status launchid_state_update(launchid_state *state, launchid_work *work
     int64_t code = $update;
     if (code == RING_RECOVERED) {
         int64_t kept[RING_N_STATUS];
-        (void)memcpy(kept, &state->state.counts[RING_COUNT_FIRST], sizeof kept);
+        (void)memcpy(kept, state->state.counts.answers, sizeof kept);
         launchid_state_reset(state);
         (void)$update;
-        (void)memcpy(&state->state.counts[RING_COUNT_FIRST], kept, sizeof kept);
+        (void)memcpy(state->state.counts.answers, kept, sizeof kept);
         code = RING_RECOVERED;
-        state->state.counts[(RING_COUNT_FIRST + RING_RECOVERED) - RING_BUSY]++;
+        state->state.counts.answers[RING_RECOVERED - RING_BUSY]++;
     }
     state->busy = 0;
     return (launchid_status)code;
@@ -30,38 +30,37 @@ launchid_status launchid_state_update(launchid_state *state, launchid_work *work
 
 bool launchid_state_estimate(launchid_state *state, launchid_work *work, launchid_estimate *estimate)
 {
-    if (state->state.counts[RING_ESTIMATES] == 0) {
+    if (state->state.counts.estimates == 0) {
         return false;
     }
-    const double *const number = state->state.outcome.number;
-    const int64_t *const flag = state->state.outcome.flag;
-    estimate->t_start = state->state.clock[RING_T_CLOSED];
+    const LaunchidOutcome *const outcome = &state->state.outcome;
+    estimate->t_start = state->state.clock.closed;
     estimate->t_end = estimate->t_start + LAUNCHID_WINDOW;
-    estimate->valid = flag[WINDOW_STATUS] == (int64_t)LAUNCHID_OK;
-    estimate->status = (launchid_estimate_status)flag[WINDOW_STATUS];
-    estimate->a6 = number[WINDOW_O_A6];
-    estimate->k1 = number[WINDOW_O_K1];
-    estimate->a6_std = number[WINDOW_O_A6_STD];
-    estimate->k1_std = number[WINDOW_O_K1_STD];
-    estimate->a6_k1_corr = number[WINDOW_O_CORRELATION];
-    estimate->a6_dot = number[WINDOW_O_A6_DOT];
-    estimate->k1_dot = number[WINDOW_O_K1_DOT];
-    estimate->a6_bound = number[WINDOW_O_A6_BOUND];
-    estimate->k1_bound = number[WINDOW_O_K1_BOUND];
-    estimate->condition = number[WINDOW_O_CONDITION];
+    estimate->valid = outcome->status == (int64_t)LAUNCHID_OK;
+    estimate->status = (launchid_estimate_status)outcome->status;
+    estimate->a6 = outcome->a6;
+    estimate->k1 = outcome->k1;
+    estimate->a6_std = outcome->a6_std;
+    estimate->k1_std = outcome->k1_std;
+    estimate->a6_k1_corr = outcome->correlation;
+    estimate->a6_dot = outcome->a6_dot;
+    estimate->k1_dot = outcome->k1_dot;
+    estimate->a6_bound = outcome->a6_bound;
+    estimate->k1_bound = outcome->k1_bound;
+    estimate->condition = outcome->condition;
     for (int64_t term = 0; term < LAUNCHID_TERMS; term++) {
         for (int64_t equation = 0; equation < 3; equation++) {
-            estimate->xi[term][equation] = state->state.outcome.xi[(term * 3) + equation];
-            estimate->support[term][equation] = state->state.outcome.support[(term * 3) + equation] != 0;
+            estimate->xi[term][equation] = outcome->xi[(term * 3) + equation];
+            estimate->support[term][equation] = outcome->support[(term * 3) + equation] != 0;
         }
     }
-    estimate->rows = flag[WINDOW_USED];
-    estimate->gaps = flag[WINDOW_GAPS_SEEN];
+    estimate->rows = outcome->used;
+    estimate->gaps = outcome->gaps;
     report_into(state, work, estimate);
     return true;
 }
 
 int64_t launchid_state_count(const launchid_state *state, launchid_status status)
 {
-    return state->state.counts[(RING_COUNT_FIRST + (int64_t)status) - RING_BUSY];
+    return state->state.counts.answers[(int64_t)status - RING_BUSY];
 }

@@ -2,13 +2,12 @@
 
 static launchid_level level_of(const LaunchidReport *rep, int64_t parameter)
 {
-    const double *const of = &rep->level[parameter * REPORT_N_LEVEL];
-    launchid_level level = {of[REPORT_DELTA], of[REPORT_DELTA_STD], -1, {0.0, 0.0, 0.0, 0.0},
-                            rep->raised[parameter] == 0, of[REPORT_OUT_SINCE]};
+    launchid_level level = {rep->delta[parameter], rep->delta_std[parameter], -1, {0.0, 0.0, 0.0, 0.0},
+                            rep->raised[parameter] == 0, rep->out_since[parameter]};
     for (int64_t k = 0; k < 4; k++) {
-        level.probability[k] = of[REPORT_PROBABILITY + k];
+        level.probability[k] = rep->probability[(parameter * 4) + k];
     }
-    if (rep->flag[REPORT_HAS_LEVEL] != 0) {
+    if (rep->has_level != 0) {
         level.band = rep->band[parameter];
     }
     return level;
@@ -21,5 +20,5 @@ bool launchid_state_level(launchid_state *state, launchid_work *work, launchid_l
     $report;
     *a6 = level_of(rep, 0);
     *k1 = level_of(rep, 1);
-    return (state->state.counts[RING_ESTIMATES] != 0) && (rep->flag[REPORT_HAS_LEVEL] != 0);
+    return (state->state.counts.estimates != 0) && (rep->has_level != 0);
 }

@@ -6,9 +6,8 @@ static void report_into(launchid_state *state, launchid_work *work, launchid_est
     $block
     $report;
     estimate->tracked = (launchid_tracked){
-        rep->flag[REPORT_IS_TRACKED] != 0, rep->tracked[REPORT_TRACKED_A6], rep->tracked[REPORT_TRACKED_K1],
-        rep->tracked[REPORT_TRACKED_A6_STD], rep->tracked[REPORT_TRACKED_K1_STD],
-        rep->tracked[REPORT_TRACKED_CORRELATION]};
+        rep->is_tracked != 0, rep->tracked.a6, rep->tracked.k1, rep->tracked.a6_std, rep->tracked.k1_std,
+        rep->tracked.correlation};
     estimate->wind = rep->air[0];
     estimate->wind_std = rep->air[1];
     for (int64_t k = 0; k < LAUNCHID_OFFSETS; k++) {
@@ -27,20 +26,17 @@ int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launc
     const LaunchidReport *const rep = &work->work.report;
     $block
     $report;
-    for (int64_t k = 0; k < rep->flag[REPORT_CHANGES]; k++) {
-        const double *const of = &rep->change[k * REPORT_N_CHANGE];
-        const int64_t *const kind = &rep->changed[k * REPORT_N_CHANGED];
+    const LaunchidChangeRows *const of = &rep->change;
+    for (int64_t k = 0; k < rep->changes; k++) {
         change[k] = (launchid_change){
-            (kind[REPORT_C_PARAMETER] == 0) ? 'a' : 'k', of[REPORT_C_TIME], of[REPORT_C_TIME_STD], of[REPORT_C_BEFORE],
-            of[REPORT_C_AFTER], of[REPORT_C_SIZE], of[REPORT_C_SIZE_STD], of[REPORT_C_ALARM],
-            kind[REPORT_C_FINAL] != 0};
+            (of->parameter[k] == 0) ? 'a' : 'k', of->time[k], of->time_std[k], of->before[k], of->after[k],
+            of->size[k], of->size_std[k], of->alarm[k], of->final[k] != 0};
     }
-    return rep->flag[REPORT_CHANGES];
+    return rep->changes;
 }
 
 launchid_notes launchid_state_notes(const launchid_state *state)
 {
-    const int64_t *const note = state->state.filter.note;
-    return (launchid_notes){note[STATES_OUTLIERS], note[STATES_RESTARTS], note[STATES_LEVEL_CLAMPS],
-                            note[STATES_WITHDRAWN_CHANGES]};
+    const LaunchidNote *const note = &state->state.filter.note;
+    return (launchid_notes){note->outliers, note->restarts, note->level_clamps, note->withdrawn_changes};
 }

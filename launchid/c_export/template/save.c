@@ -86,8 +86,7 @@ bool launchid_state_save(const launchid_state *state, uint8_t saved[LAUNCHID_SAV
     }
     size_t at = sizeof preface;
     (void)memcpy(saved, preface, sizeof preface);
-    const int64_t guard[] = {state->state.guard[GUARD_CONTROL],
-                             seal_integer(state->state.guard[GUARD_CARRIED], $seal, 0)};
+    const int64_t carried = seal_integer(state->state.guard.carried, $seal, 0);
 $saves    uint32_t crc = checksum(saved, at);
     for (size_t k = 0U; k < CHECKSUM_BYTES; k++) {
         saved[at + k] = (uint8_t)(crc & 0xFFU);
@@ -117,6 +116,6 @@ launchid_restored launchid_state_restore(launchid_state *state, const uint8_t sa
     }
     at = sizeof preface;
 $restores    (void)at;
-    state->state.guard[GUARD_CARRIED] = seal_integer(state->state.guard[GUARD_CARRIED], $seal, 0);
+    state->state.guard.carried = seal_integer(state->state.guard.carried, $seal, 0);
     return LAUNCHID_RESTORED;
 }

@@ -18,9 +18,8 @@ from launchid.cli.main import main
 from launchid.identification.windows import onboard_model, run
 from launchid.robustness.level import departures, ranged_model
 from launchid_core import BANDS, EDGES, Config, Estimate, Estimator, Model
-from launchid_core.order.table import GAUGE
+from launchid_core.order.table import EVENTS, GAUGE, ONSETS
 from launchid_core.watch import uncertainty as un
-from launchid_core.watch.changes import MAX_EVENTS, N_COUNTS, N_EVENT
 from sim.flight import fly_whole
 from sim.nominal import Nominal, built_in
 
@@ -41,15 +40,15 @@ class Range:
         unjitted(un.restart_gauge)(self.gauge)
         self.range = np.array([[0.0, sigma, sigma]])
         self.sigma = sigma
-        self.counts, self.event = np.zeros(N_COUNTS, np.int64), np.zeros((MAX_EVENTS, N_EVENT))
+        self.counts, self.event = scratch(ONSETS, 2), scratch(EVENTS, 2)
 
     def see(self, t: float, delta: float, std: float) -> bool:
         """a6 of this delta at t; whether the alarm is raised.  k1 is known to be nominal."""
         total = np.array([self.sigma * delta, 0.0, (self.sigma * std) ** 2, 0.0, 1e-8])
         unjitted(un.watch_range)(self.range, self.gauge, total, t, 0.0, self.counts, self.event)
         unjitted(un.close_range)(self.range, self.gauge, total, t)
-        assert self.gauge.flag[1, un.RAISED] == 0
-        return bool(self.gauge.flag[0, un.RAISED])
+        assert self.gauge.raised[1] == 0
+        return bool(self.gauge.raised[0])
 
 
 # ---- laws of the bands
@@ -128,7 +127,7 @@ def test_the_level_is_the_tracked_estimate_over_the_range(constant):
     again = pickle.loads(pickle.dumps(estimator))
     assert again.estimate().uncertainty == last
     estimator.reset()
-    assert estimator.estimate() is None and (estimator._parts.state.gauge.flag == 0).all()
+    assert estimator.estimate() is None and not estimator._parts.state.gauge.raised.any()
 
 
 def test_a_model_without_sigma_has_no_level_and_the_same_estimates(constant):
