@@ -14,7 +14,7 @@ from launchid_core.algebra.compress import first_state
 from launchid_core.filter.filtered import filter_sample
 from launchid_core.order import onboard
 from launchid_core.order.memory import Memory, allocate, dtype_of, members
-from launchid_core.order.table import FILTERED, Struct, size_of
+from launchid_core.order.table import FILTERED, MOMENTS, Struct, size_of
 from launchid_core.regression import regression
 
 
@@ -55,6 +55,14 @@ def take(cut: Cut, row: np.ndarray) -> None:
 def scratch(struct: Struct, terms: int) -> Any:
     """The arrays and numbers of a struct of the table, all zero, as much as an estimator of so many terms uses."""
     return members(struct, np.zeros(1, dtype_of(struct)), size_of(terms))
+
+
+def moments(*numbers: float) -> Any:
+    """What is believed of a6 and k1: means, variance of a6, covariance, variance of k1."""
+    made = scratch(MOMENTS, 2)
+    for to, number in zip(made, numbers, strict=True):
+        to[...] = number
+    return made
 
 
 def copied(struct: Struct, given: Any) -> Any:

@@ -4,9 +4,8 @@ from ..kernels import inner
 
 # a relative deviation from the nominal
 A6, K1 = range(2)
-# what is believed of them (f8): means, variances and covariance
-MEAN_A6, MEAN_K1, VAR_A6, COV, VAR_K1 = range(5)
-N_BELIEF = 5
+# what is believed of them
+MOMENTS = {"mean_a6": "mean", "mean_k1": "mean", "var_a6": "variance", "cov": "covariance", "var_k1": "variance"}
 FIRST_STD = 0.5  # relative: what is known of either before any data
 CHANGE_BLOCKS = 24  # blocks that sudden changes are sought in: 2.4 s at 0.1 s
 # a row of `air` (f8)

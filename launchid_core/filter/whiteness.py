@@ -53,14 +53,14 @@ def queue_block(check, level, p_bar, total):
     They are taken about the tracked belief: about the deviations that the filter is linearised about, the quick
     member's, which follow the noise, they would not be white.
 
-    level (L,), p_bar (2,), total (N_BELIEF,)  in  log noise levels, deviations that the innovations are about, the
+    level (L,), p_bar (2,), total (Moments)  in  log noise levels, deviations that the innovations are about, the
     belief before the block
     """
     slot = (check.oldest + check.waiting) % sx.CHANGE_BLOCKS
     for c in range(sx.N_CHANNELS):
         e, a, k = check.innovation[c], check.for_a6[c], check.for_k1[c]
-        e += a * (p_bar[sx.A6] - total[sx.MEAN_A6]) + k * (p_bar[sx.K1] - total[sx.MEAN_K1])
-        variance = check.seen[c] + a * a * total[sx.VAR_A6] + 2.0 * a * k * total[sx.COV] + k * k * total[sx.VAR_K1]
+        e += a * (p_bar[sx.A6] - total.mean_a6) + k * (p_bar[sx.K1] - total.mean_k1)
+        variance = check.seen[c] + a * a * total.var_a6 + 2.0 * a * k * total.cov + k * k * total.var_k1
         u = e / math.sqrt(variance) if check.seen[c] > 0 else 0.0
         u *= exp_of(min(max(level[c], level[sx.ACCELERATION_NOISE]), 0.0))  # what hides in it contradicts nothing
         check.pending[slot, c] = min(max(u, -BLOCK_SIGMAS), BLOCK_SIGMAS)

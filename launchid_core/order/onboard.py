@@ -182,12 +182,14 @@ def track_block(block):
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     belief, bank, fil, watch = fixed.belief, state.bank, state.filter, state.watch
     dt, _ = fl.span_of(fixed, state)
+    before, total = work.acc.before, bank.total
+    before.mean_a6, before.mean_k1 = total.mean_a6, total.mean_k1
+    before.var_a6, before.cov, before.var_k1 = total.var_a6, total.cov, total.var_k1
     ch.open_onset(belief.size.states, watch, bank.total, state.acc.s_start, state.acc.start)
     triangle = work.acc.block
     still = tr.track(bank, work.bank, tr.TRACKER_MEMORY, dt, triangle) - 0.5 * triangle[2, 2] * triangle[2, 2]
     restate_declared(belief, fil, bank, work.bank, dt)
-    newest = (watch.counts.next - 1) % sx.CHANGE_BLOCKS
-    return gu.follow_gust(belief, fil, state.gust, work.gust[:], work.acc.pair, watch.before[newest], dt, still)
+    return gu.follow_gust(belief, fil, state.gust, work.gust[:], work.acc.pair, before, dt, still)
 
 
 @kernel
@@ -210,13 +212,13 @@ def detect_change(block, still):
         if moved:
             restart_window(fixed, state, t_end)
         return moved
-    before = watch.before[slot]
+    before = watch.before
     blocks = (watch.counts.next - 1 - slot) % sx.CHANGE_BLOCKS + 1
     wh.drop_blocks(state.check, blocks, t_end)
     ch.raise_alarm(watch, slot, kind, factor, dt, t_end, after)
-    fl.jump(fixed.belief, fil, watch.carried[slot], blocks, before[sx.MEAN_A6], before[sx.MEAN_K1], after[sx.MEAN_A6],
-         after[sx.MEAN_K1])
-    tr.restart_bank(bank, after[sx.MEAN_A6], after[sx.MEAN_K1], after[sx.VAR_A6], after[sx.COV], after[sx.VAR_K1])
+    fl.jump(fixed.belief, fil, watch.carried[slot], blocks, before.mean_a6[slot], before.mean_k1[slot], after.mean_a6,
+         after.mean_k1)
+    tr.restart_bank(bank, after.mean_a6, after.mean_k1, after.var_a6, after.cov, after.var_k1)
     if size.undeclared > 0:
         un.go_back(state.undeclared, blocks)
     gu.forget_gust(state.gust)
@@ -239,7 +241,7 @@ def use_rows(block):
     elif fixed.option.estimate_levels == 1:
         fl.update_levels(belief, fil, acc, work.acc)
     if belief.size.states > sx.N_STATES:
-        fl.relinearise(belief, fil, bank.total[sx.MEAN_A6], bank.total[sx.MEAN_K1])
+        fl.relinearise(belief, fil, bank.total.mean_a6, bank.total.mean_k1)
     else:
         fl.relinearise(belief, fil, bank.mean[quickest, sx.A6], bank.mean[quickest, sx.K1])
 
@@ -255,7 +257,7 @@ def end_block(block):
     if wh.judge_model(check, fil.level, state.undeclared.found, t_end):
         total = bank.total  # what was learned meanwhile is not to be trusted
         first = sx.FIRST_STD * sx.FIRST_STD
-        tr.restart_bank(bank, total[sx.MEAN_A6], total[sx.MEAN_K1], first, 0.0, first)
+        tr.restart_bank(bank, total.mean_a6, total.mean_k1, first, 0.0, first)
     if check.beyond_chance == 1:
         for k in range(min(state.watch.counts.events, ch.MAX_EVENTS)):  # what began lately was no change
             event = state.watch.event
@@ -395,8 +397,8 @@ def follow_range(block, sigma, code):
 @inner
 def is_sound(size, fil, total):
     """Whether what is carried over the whole flight can be: all finite, no variance below 0, no absurd noise level."""
-    sound = np.isfinite(total[sx.MEAN_A6] + total[sx.MEAN_K1] + total[sx.COV] + total[sx.VAR_A6] + total[sx.VAR_K1])
-    sound = sound and total[sx.VAR_A6] >= 0.0 and total[sx.VAR_K1] >= 0.0
+    sound = np.isfinite(total.mean_a6 + total.mean_k1 + total.cov + total.var_a6 + total.var_k1)
+    sound = sound and total.var_a6 >= 0.0 and total.var_k1 >= 0.0
     for i in range(size.states):
         sound = sound and np.isfinite(fil.x[i])
         for j in range(size.states):

@@ -377,6 +377,10 @@ FILTER_WORK = struct(
     ("de", F8, ("levels",), "its derivative for the noise levels"),
     ("dv", F8, ("levels",), "relative derivative of its variance for them"))
 
+MOMENTS = struct(
+    "Moments", "What is believed of the relative deviations of a6 and k1.",
+    *((name, F8, (), about) for name, about in sx.MOMENTS.items()))
+
 BLOCK_COUNTS = struct(
     "BlockCounts", "How much was gathered.",
     ("rows", I8, (), "in the block"),
@@ -412,7 +416,8 @@ ACCUMULATOR_WORK = struct(
     ("tau", F8, ("levels",), "its Householder factors"),
     ("right", F8, ("levels",), "its right-hand side"),
     ("step", F8, ("levels",), "of Fisher's scoring"),
-    ("belief", F8, (sx.N_BELIEF,), "to restart the tracker with"),
+    ("before", MOMENTS, (), "the tracked belief before the block"),
+    ("belief", MOMENTS, (), "to restart the tracker with"),
     ("columns", I8, ("columns",), "that a solve keeps"),
     ("coefficient", F8, ("terms",), "of the window"),
     ("deviation", DEVIATION))
@@ -422,7 +427,7 @@ BANK = struct(
     ("mean", F8, (len(MEMBERS), 4), "by member"),
     ("covariance", F8, (len(MEMBERS), 4, 4), "by member"),
     ("evidence", F8, (len(MEMBERS),), "forgotten sum of log predictive densities"),
-    ("total", F8, (sx.N_BELIEF,), "of the mixture"),
+    ("total", MOMENTS, (), "of the mixture"),
     ("weight", F8, (len(MEMBERS),), "of each member"))
 
 BANK_WORK = struct(
@@ -452,17 +457,21 @@ EVENTS = struct(
     ("alarm", F8, (ch.MAX_EVENTS,), "when it was raised [s]"),
     ("stage", F8, (ch.MAX_EVENTS,), "OPEN, FINAL or WITHDRAWN"))
 
+BEFORE = struct(
+    "Before", "The tracked belief before each onset.",
+    *((name, F8, (sx.CHANGE_BLOCKS,), about) for name, about in sx.MOMENTS.items()))
+
 WATCH = struct(
     "Watch", "State of the detector of sudden changes.",
     ("mean", F8, (sx.CHANGE_BLOCKS, 2, 2), "deviations by onset, kind, parameter"),
     ("covariance", F8, (2 * sx.CHANGE_BLOCKS, 2, 2), "of these, by onset and kind"),
     ("factor", F8, (sx.CHANGE_BLOCKS, 2), "log Bayes factors"),
-    ("before", F8, (sx.CHANGE_BLOCKS, sx.N_BELIEF), "tracked belief before each onset"),
+    ("before", BEFORE),
     ("start", F8, (sx.CHANGE_BLOCKS,), "of each [s]"),
     ("carried", F8, (sx.CHANGE_BLOCKS, "states", 2), "sensitivities at each onset, carried to the block's start"),
     ("counts", ONSETS),
     ("event", EVENTS),
-    ("reference", F8, (sx.N_BELIEF,), "belief before the last change"))
+    ("reference", MOMENTS, (), "belief before the last change"))
 
 GUST_STATE = struct(
     "Gust", "State of the hypothesis that wind begins anew.",

@@ -36,14 +36,15 @@ def open_onset(states, state, belief, s_start, t):
         for j in range(2):
             state.carried[slot, i, j] = s_start[i, j]
     jump = JUMP_STD * JUMP_STD
-    for k in range(sx.N_BELIEF):
-        state.before[slot, k] = belief[k]
+    before = state.before
+    before.mean_a6[slot], before.mean_k1[slot] = belief.mean_a6, belief.mean_k1
+    before.var_a6[slot], before.cov[slot], before.var_k1[slot] = belief.var_a6, belief.cov, belief.var_k1
     for kind in range(2):
-        state.mean[slot, kind, sx.A6], state.mean[slot, kind, sx.K1] = belief[sx.MEAN_A6], belief[sx.MEAN_K1]
+        state.mean[slot, kind, sx.A6], state.mean[slot, kind, sx.K1] = belief.mean_a6, belief.mean_k1
         covariance = state.covariance[2 * slot + kind]
-        covariance[sx.A6, sx.A6] = belief[sx.VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
-        covariance[sx.A6, sx.K1], covariance[sx.K1, sx.A6] = belief[sx.COV], belief[sx.COV]
-        covariance[sx.K1, sx.K1] = belief[sx.VAR_K1] + jump
+        covariance[sx.A6, sx.A6] = belief.var_a6 + (jump if kind == BOTH_JUMP else 0.0)
+        covariance[sx.A6, sx.K1], covariance[sx.K1, sx.A6] = belief.cov, belief.cov
+        covariance[sx.K1, sx.K1] = belief.var_k1 + jump
         state.factor[slot, kind] = 0.0
     state.start[slot] = t
     state.counts.next = (slot + 1) % sx.CHANGE_BLOCKS
@@ -61,14 +62,14 @@ def follow_onset(n, state, work, slot, kind, pair, dt):
     mean, covariance, row = state.mean[slot, kind], state.covariance[2 * slot + kind], work.row[:]
     covariance[sx.A6, sx.A6] += DRIFT * DRIFT * dt
     covariance[sx.K1, sx.K1] += DRIFT * DRIFT * dt
-    carried, before = state.carried[slot], state.before[slot]
+    carried, before = state.carried[slot], state.before
     volume, square = 1.0, 0.0
     for i in range(n + 2):
         past_a = past_k = 0.0
         for k in range(i, n):
             past_a += pair[i, k] * carried[k, sx.A6]
             past_k += pair[i, k] * carried[k, sx.K1]
-        z = pair[i, n + 2] - past_a * before[sx.MEAN_A6] - past_k * before[sx.MEAN_K1]
+        z = pair[i, n + 2] - past_a * before.mean_a6[slot] - past_k * before.mean_k1[slot]
         row[sx.A6], row[sx.K1] = pair[i, n] - past_a, pair[i, n + 1] - past_k
         e, variance = measure(mean, covariance, row, 0, 2, z, work.column[:])
         volume *= variance
@@ -112,7 +113,7 @@ def onset_time(state, kind, best, dt):
 
 @inner
 def raise_alarm(state, slot, kind, best, dt, t_now, after):
-    """Record an event and forget the onsets.  after (N_BELIEF,) out: the belief to restart the tracker with.
+    """Record an event and forget the onsets.  after  out: the belief to restart the tracker with.
 
     Its mean is the onset's estimate, its variance the jump's again: the onset lies somewhere in its block, so what the
     first tenths of a second say of the size is biased.  An alarm while the last event's size is open belongs to it.
@@ -120,19 +121,20 @@ def raise_alarm(state, slot, kind, best, dt, t_now, after):
     t_onset, t_std = onset_time(state, kind, best, dt)
     event, last = state.event, (state.counts.events - 1) % MAX_EVENTS
     open_event = state.counts.events > 0 and event.stage[last] == OPEN
-    before = state.before[slot]
+    before = state.before
     jump = JUMP_STD * JUMP_STD
-    after[sx.MEAN_A6], after[sx.MEAN_K1] = state.mean[slot, kind, sx.A6], state.mean[slot, kind, sx.K1]
-    after[sx.VAR_A6] = before[sx.VAR_A6] + (jump if kind == BOTH_JUMP else 0.0)
-    after[sx.COV] = before[sx.COV]
-    after[sx.VAR_K1] = before[sx.VAR_K1] + jump
+    after.mean_a6, after.mean_k1 = state.mean[slot, kind, sx.A6], state.mean[slot, kind, sx.K1]
+    after.var_a6 = before.var_a6[slot] + (jump if kind == BOTH_JUMP else 0.0)
+    after.cov = before.cov[slot]
+    after.var_k1 = before.var_k1[slot] + jump
     state.counts.kept = 0
     if open_event:
         event.kind[last] = max(event.kind[last], float(kind))
         size_event(state, last, after)
         return
-    for i in range(sx.N_BELIEF):
-        state.reference[i] = before[i]
+    reference = state.reference
+    reference.mean_a6, reference.mean_k1 = before.mean_a6[slot], before.mean_k1[slot]
+    reference.var_a6, reference.cov, reference.var_k1 = before.var_a6[slot], before.cov[slot], before.var_k1[slot]
     new = state.counts.events % MAX_EVENTS
     event.time[new], event.time_std[new], event.kind[new], event.alarm[new] = t_onset, t_std, kind, t_now
     event.stage[new] = OPEN
@@ -145,7 +147,7 @@ def raise_alarm(state, slot, kind, best, dt, t_now, after):
 def size_event(state, k, belief):
     """Give event k the values before and after and the variance of the jump, relative to the nominal."""
     event = state.event
-    event.a6_before[k], event.k1_before[k] = state.reference[sx.MEAN_A6], state.reference[sx.MEAN_K1]
-    event.a6_after[k], event.k1_after[k] = belief[sx.MEAN_A6], belief[sx.MEAN_K1]
-    event.a6_variance[k] = state.reference[sx.VAR_A6] + belief[sx.VAR_A6]
-    event.k1_variance[k] = state.reference[sx.VAR_K1] + belief[sx.VAR_K1]
+    event.a6_before[k], event.k1_before[k] = state.reference.mean_a6, state.reference.mean_k1
+    event.a6_after[k], event.k1_after[k] = belief.mean_a6, belief.mean_k1
+    event.a6_variance[k] = state.reference.var_a6 + belief.var_a6
+    event.k1_variance[k] = state.reference.var_k1 + belief.var_k1

@@ -37,22 +37,22 @@ def is_unexpected(belief, fil, j):
 
 @inner
 def mix_gust(g, gust, total, share):
-    """The windy hypothesis starts from the calm one with probability `share`, else goes on.  total (N_BELIEF,) in"""
+    """The windy hypothesis starts from the calm one with probability `share`, else goes on.  total  Moments"""
     mean, covariance = gust.mean, gust.covariance
     a, k = g - 2, g - 1
-    mean[a] -= total[sx.MEAN_A6]
-    mean[k] -= total[sx.MEAN_K1]
+    mean[a] -= total.mean_a6
+    mean[k] -= total.mean_k1
     for i in range(g):
         for j in range(g):
             covariance[i, j] = (1.0 - share) * (covariance[i, j] + share * mean[i] * mean[j])
-    covariance[a, a] += share * total[sx.VAR_A6]
-    covariance[a, k] += share * total[sx.COV]
-    covariance[k, a] += share * total[sx.COV]
-    covariance[k, k] += share * total[sx.VAR_K1]
+    covariance[a, a] += share * total.var_a6
+    covariance[a, k] += share * total.cov
+    covariance[k, a] += share * total.cov
+    covariance[k, k] += share * total.var_k1
     for i in range(g):
         mean[i] *= 1.0 - share
-    mean[a] += total[sx.MEAN_A6]
-    mean[k] += total[sx.MEAN_K1]
+    mean[a] += total.mean_a6
+    mean[k] += total.mean_k1
 
 
 @inner
@@ -100,7 +100,7 @@ def follow_gust(belief, fil, gust, column, pair, before, dt, still):
     """Give a block to both; returns the log predictive density of their mixture, `still` where wind is expected anyway.
 
     column (g,) scratch;  pair (n + 3, n + 3) in  square-root information: offset at the block's start, a6, k1, right
-    before (N_BELIEF,) in  the tracked belief before the block;  dt [s];  still: log density of the filter's own
+    before  Moments, the tracked belief before the block;  dt [s];  still: log density of the filter's own
     """
     calm = False
     for j in range(belief.size.nuisances):

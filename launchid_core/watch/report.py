@@ -25,25 +25,25 @@ def report_tracked(profile, total, contradicted, t, rep):
     tracked.k1_std = np.nan
     tracked.correlation = np.nan
     first = KNOWN_SHARE * sx.FIRST_STD
-    known = min(total[sx.VAR_A6], total[sx.VAR_K1]) < first * first and not contradicted
-    known = known and np.isfinite(total[sx.MEAN_A6] + total[sx.MEAN_K1])
+    known = min(total.var_a6, total.var_k1) < first * first and not contradicted
+    known = known and np.isfinite(total.mean_a6 + total.mean_k1)
     rep.is_tracked = int(known)
     if not known:
         return
     a6, k1 = sx.profile_at(profile, t)
-    tracked.a6 = a6 * (1.0 + total[sx.MEAN_A6])
-    tracked.k1 = k1 * (1.0 + total[sx.MEAN_K1])
-    tracked.a6_std = abs(a6) * np.sqrt(total[sx.VAR_A6])
-    tracked.k1_std = abs(k1) * np.sqrt(total[sx.VAR_K1])
+    tracked.a6 = a6 * (1.0 + total.mean_a6)
+    tracked.k1 = k1 * (1.0 + total.mean_k1)
+    tracked.a6_std = abs(a6) * np.sqrt(total.var_a6)
+    tracked.k1_std = abs(k1) * np.sqrt(total.var_k1)
     sign = -1.0 if a6 * k1 < 0.0 else 1.0
-    tracked.correlation = sign * total[sx.COV] / np.sqrt(total[sx.VAR_A6] * total[sx.VAR_K1])
+    tracked.correlation = sign * total.cov / np.sqrt(total.var_a6 * total.var_k1)
 
 
 @inner
 def report_part(total, value, variance, for_a6, for_k1, out):
     """Write a value that moves by `for_a6`, `for_k1` a deviation, and its standard deviation, to out (2,)."""
-    variance += (for_a6 * for_a6 * total[sx.VAR_A6] + 2.0 * for_a6 * for_k1 * total[sx.COV]
-                 + for_k1 * for_k1 * total[sx.VAR_K1])
+    variance += (for_a6 * for_a6 * total.var_a6 + 2.0 * for_a6 * for_k1 * total.cov
+                 + for_k1 * for_k1 * total.var_k1)
     out[0], out[1] = value, np.sqrt(variance)
 
 

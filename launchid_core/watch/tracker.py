@@ -79,16 +79,17 @@ def mix(state):
         state.weight[i] = exp_of(state.evidence[i] - best)
         norm += state.weight[i]
     total = state.total
-    total[:] = 0.0
+    total.mean_a6, total.mean_k1 = 0.0, 0.0
+    total.var_a6, total.cov, total.var_k1 = 0.0, 0.0, 0.0
     for i in range(b):
         state.weight[i] /= norm
-        total[sx.MEAN_A6] += state.weight[i] * state.mean[i, sx.A6]
-        total[sx.MEAN_K1] += state.weight[i] * state.mean[i, sx.K1]
+        total.mean_a6 += state.weight[i] * state.mean[i, sx.A6]
+        total.mean_k1 += state.weight[i] * state.mean[i, sx.K1]
     for i in range(b):
-        w, d0, d1 = state.weight[i], state.mean[i, sx.A6] - total[sx.MEAN_A6], state.mean[i, sx.K1] - total[sx.MEAN_K1]
-        total[sx.VAR_A6] += w * (state.covariance[i, sx.A6, sx.A6] + d0 * d0)
-        total[sx.COV] += w * (state.covariance[i, sx.A6, sx.K1] + d0 * d1)
-        total[sx.VAR_K1] += w * (state.covariance[i, sx.K1, sx.K1] + d1 * d1)
+        w, d0, d1 = state.weight[i], state.mean[i, sx.A6] - total.mean_a6, state.mean[i, sx.K1] - total.mean_k1
+        total.var_a6 += w * (state.covariance[i, sx.A6, sx.A6] + d0 * d0)
+        total.cov += w * (state.covariance[i, sx.A6, sx.K1] + d0 * d1)
+        total.var_k1 += w * (state.covariance[i, sx.K1, sx.K1] + d1 * d1)
 
 
 @inner

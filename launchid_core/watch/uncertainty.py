@@ -76,15 +76,15 @@ def judge(gauge, p, mean, std, t, t_first, onset):
 @inner
 def watch_range(sigma, gauge, total, now, t_first, counts, event):
     """Look at the tracked belief `total` at `now` [s]: the alarm of both parameters.  t_first [s]: the first sample"""
-    if not np.isfinite(total[sx.MEAN_A6] + total[sx.MEAN_K1]):
+    if not np.isfinite(total.mean_a6 + total.mean_k1):
         return
     onset = np.inf
     if counts.events > gauge.events:
         onset = event.time[(counts.events - 1) % ch.MAX_EVENTS]
     gauge.events = counts.events
     sigma_a6, sigma_k1 = sx.profile_at(sigma, now)
-    judge(gauge, sx.A6, total[sx.MEAN_A6] / sigma_a6, math.sqrt(total[sx.VAR_A6]) / sigma_a6, now, t_first, onset)
-    judge(gauge, sx.K1, total[sx.MEAN_K1] / sigma_k1, math.sqrt(total[sx.VAR_K1]) / sigma_k1, now, t_first, onset)
+    judge(gauge, sx.A6, total.mean_a6 / sigma_a6, math.sqrt(total.var_a6) / sigma_a6, now, t_first, onset)
+    judge(gauge, sx.K1, total.mean_k1 / sigma_k1, math.sqrt(total.var_k1) / sigma_k1, now, t_first, onset)
 
 
 @inner
@@ -110,5 +110,5 @@ def weigh_bands(gauge, p, mean, std):
 def close_range(sigma, gauge, total, t_end):
     """A window closed at t_end [s]: the uncertainty level of both parameters.  Arguments as of `watch_range`."""
     sigma_a6, sigma_k1 = sx.profile_at(sigma, t_end)
-    weigh_bands(gauge, sx.A6, total[sx.MEAN_A6] / sigma_a6, math.sqrt(total[sx.VAR_A6]) / sigma_a6)
-    weigh_bands(gauge, sx.K1, total[sx.MEAN_K1] / sigma_k1, math.sqrt(total[sx.VAR_K1]) / sigma_k1)
+    weigh_bands(gauge, sx.A6, total.mean_a6 / sigma_a6, math.sqrt(total.var_a6) / sigma_a6)
+    weigh_bands(gauge, sx.K1, total.mean_k1 / sigma_k1, math.sqrt(total.var_k1) / sigma_k1)

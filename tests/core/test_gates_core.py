@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from cut import cut_of
+from cut import cut_of, moments
 from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
@@ -35,10 +35,10 @@ def parts():
     return cut_of(config())
 
 
-def opened(watch, blocks: int, belief=BELIEF, first: float = 0.0) -> None:
+def opened(watch, blocks: int, first: float = 0.0) -> None:
     """`blocks` blocks of 0.1 s began, with nothing carried."""
     for k in range(blocks):
-        open_onset(N, watch, belief, np.zeros(QUIET), first + 0.1 * k)
+        open_onset(N, watch, moments(*BELIEF), np.zeros(QUIET), first + 0.1 * k)
 
 
 # ---- tracker
@@ -52,7 +52,7 @@ def test_the_mixture_has_the_members_spread_in_its_variance():
     mix(bank)
     w, d = np.array([0.25, 0.75]), bank.mean[:, :2] - np.array([0.4, 0.075])
     spread = np.einsum("i,ijk->jk", w, bank.covariance[:, :2, :2] + d[:, :, None] * d[:, None, :])
-    assert bank.total == pytest.approx([0.4, 0.075, spread[0, 0], spread[0, 1], spread[1, 1]])
+    assert np.array(bank.total) == pytest.approx([0.4, 0.075, spread[0, 0], spread[0, 1], spread[1, 1]])
 
 
 def test_a_blocks_density_is_the_members_mixture_and_does_not_underflow():
@@ -72,7 +72,7 @@ def test_a_blocks_density_is_the_members_mixture_and_does_not_underflow():
         assert total == pytest.approx(np.logaddexp(*(np.log(weight) + density)), rel=1e-14)
         assert bank.mean == pytest.approx(mean) and bank.covariance == pytest.approx(covariance)
         assert bank.evidence == pytest.approx(np.array([-3.0, -1.0]) * math.exp(-0.1 / 30.0) + density)
-        assert bank.total[:2] == pytest.approx(bank.weight @ mean[:, :2])  # mixed with the new evidence
+        assert np.array(bank.total[:2]) == pytest.approx(bank.weight @ mean[:, :2])  # mixed with the new evidence
 
 
 def test_a_member_moves_as_its_model_says():
@@ -109,7 +109,7 @@ def test_after_an_onset_the_state_still_obeys_the_values_before(kind):
     random = np.random.default_rng(3)
     pair, carried = np.triu(random.standard_normal((7, 7))), random.standard_normal((4, 2))
     watch = parts().state.watch
-    open_onset(N, watch, BELIEF, carried, 0.0)
+    open_onset(N, watch, moments(*BELIEF), carried, 0.0)
     p = watch.covariance[kind] + ch.DRIFT**2 * 0.1 * np.eye(2)
     past = pair[:6, :4] @ carried
     h, z = pair[:6, 4:6] - past, pair[:6, 6] - past @ BELIEF[:2]
@@ -133,7 +133,7 @@ def test_the_onsets_time_is_the_mean_of_the_blocks_by_their_factors():
 
 def alarm(watch, slot: int, kind: int, t_now: float):
     """Raise it; returns the belief after, and the place of the last event."""
-    after = np.zeros(sx.N_BELIEF)
+    after = moments(0.0, 0.0, 0.0, 0.0, 0.0)
     raise_alarm(watch, slot, kind, float(watch.factor[slot, kind]), 0.1, t_now, after)
     return after, (watch.counts.events - 1) % ch.MAX_EVENTS
 

@@ -221,12 +221,12 @@ def test_a_window_of_too_few_samples_is_short_or_has_a_gap(samples):
 
 
 @pytest.mark.parametrize(("share", "known"), [(0.99, 1), (1.01, 0), (math.nan, 0)])
-@pytest.mark.parametrize("place", [sx.VAR_A6, sx.VAR_K1])
-def test_the_tracked_estimate_is_valid_once_something_is_known(share, known, place):
+@pytest.mark.parametrize("name", ["var_a6", "var_k1"])
+def test_the_tracked_estimate_is_valid_once_something_is_known(share, known, name):
     estimator = Estimator(config())
     total = estimator._parts.state.bank.total
-    total[:] = 0.0, 0.0, sx.FIRST_STD**2, 0.0, sx.FIRST_STD**2
-    total[place] = (share * rp.KNOWN_SHARE * sx.FIRST_STD) ** 2
+    assert (total.mean_a6, total.var_a6, total.cov, total.var_k1) == (0.0, sx.FIRST_STD**2, 0.0, sx.FIRST_STD**2)
+    setattr(total, name, (share * rp.KNOWN_SHARE * sx.FIRST_STD) ** 2)
     assert estimator._report().is_tracked == known
-    total[sx.MEAN_K1] = math.nan
+    total.mean_k1 = math.nan
     assert estimator._report().is_tracked == 0

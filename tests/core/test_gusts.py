@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from cut import cut_of, reseal
+from cut import cut_of, moments, reseal
 from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model, run
@@ -58,7 +58,7 @@ def test_the_mixed_start_has_the_mixtures_moments(cut, share):
     calm[-2:] = BELIEF[:2]
     still = np.zeros_like(covariance)
     still[-2:, -2:] = [[BELIEF[2], BELIEF[3]], [BELIEF[3], BELIEF[4]]]
-    mix_gust(len(mean), cut.state.gust, BELIEF, share)
+    mix_gust(len(mean), cut.state.gust, moments(*BELIEF), share)
     d = mean - calm
     assert cut.state.gust.mean == pytest.approx((1.0 - share) * mean + share * calm)
     assert cut.state.gust.covariance == pytest.approx(
@@ -89,7 +89,7 @@ def test_without_data_a_gust_is_as_likely_as_they_come_and_go(cut):
     n = len(cut.state.gust.mean)
     for _ in range(400):
         density = follow_gust(cut.fixed.belief, cut.state.filter, cut.state.gust, cut.work.gust,
-                              np.zeros((n + 1, n + 1)), BELIEF, 0.1, 0.0)
+                              np.zeros((n + 1, n + 1)), moments(*BELIEF), 0.1, 0.0)
         assert density == pytest.approx(0.0, abs=1e-12)
     assert cut.state.gust.probability == pytest.approx(gu.GUST_LASTS / (gu.MEAN_CALM + gu.GUST_LASTS),
                                                                  rel=0.05)

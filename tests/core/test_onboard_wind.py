@@ -403,14 +403,14 @@ def test_the_model_is_believed_again_within_20_s_of_a_gust():
     assert estimates[-1].valid and estimates[-1].tracked.valid
 
 
-def blocks_fed(check, total, level, blocks, statistic):
+def blocks_fed(block, level, blocks, statistic):
     """Blocks of ten measurements a channel, with these normalised sums; returns how often it was raised."""
-    raised = 0
+    check, raised = block[0].state.check, 0
     for k in range(blocks.shape[0]):
         for c in range(3):
-            check.mean[c, 0] = blocks[k, c] * math.sqrt(10.0)
+            check.innovation[c] = blocks[k, c] * math.sqrt(10.0)
             check.seen[c] = 10
-        wh.queue_block(check, level, total[:2], total)
+        wh.queue_block(check, level, np.zeros(2), block[0].state.bank.total)
         before = check.raised
         if check.waiting >= sx.CHANGE_BLOCKS:
             wh.take_block(check, 0.1)
@@ -423,19 +423,17 @@ def blocks_fed(check, total, level, blocks, statistic):
 feed_blocks = numba.njit(error_model="numpy")(blocks_fed)
 
 
-def checked(blocks: np.ndarray, check=None, level=None):
-    """(check, how often raised, the statistic after each block) of a state as before the first sample."""
-    if check is None:
-        cut = cut_of(config(CALM))
-        check = cut.state.check
-    statistic = np.zeros(len(blocks))
-    raised = feed_blocks(check, np.zeros(sx.N_BELIEF), np.zeros(5) if level is None else level, blocks, statistic)
-    return check, raised, statistic
+def checked(blocks: np.ndarray):
+    """(How often raised, the statistic after each block) of a state as before the first sample, a6 and k1 known."""
+    cut, statistic = cut_of(config(CALM)), np.zeros(len(blocks))
+    for number in cut.state.bank.total:
+        number[...] = 0.0
+    return feed_blocks(cut.memory.seen, np.zeros(5), blocks, statistic), statistic
 
 
 def test_white_innovations_are_as_the_statistic_says_and_raise_nothing_in_two_hours():
     """The statistic's standard deviation is 16.3; over 2 h at a memory of 10 s, some 360 values are independent."""
-    _, raised, statistic = checked(np.random.default_rng(1).standard_normal((72000, 3)))
+    raised, statistic = checked(np.random.default_rng(1).standard_normal((72000, 3)))
     settled = statistic[1000:]
     assert raised == 0
     assert np.mean(settled) == pytest.approx(wh.MEAN_STATISTIC, abs=4.0 * 16.3 / math.sqrt(360))

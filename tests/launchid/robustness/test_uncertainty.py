@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cut import scratch
+from cut import moments, scratch
 from hypothesis import given
 from hypothesis import strategies as hs
 from shortened import short
@@ -44,7 +44,7 @@ class Range:
 
     def see(self, t: float, delta: float, std: float) -> bool:
         """a6 of this delta at t; whether the alarm is raised.  k1 is known to be nominal."""
-        total = np.array([self.sigma * delta, 0.0, (self.sigma * std) ** 2, 0.0, 1e-8])
+        total = moments(self.sigma * delta, 0.0, (self.sigma * std) ** 2, 0.0, 1e-8)
         unjitted(un.watch_range)(self.range, self.gauge, total, t, 0.0, self.counts, self.event)
         unjitted(un.close_range)(self.range, self.gauge, total, t)
         assert self.gauge.raised[1] == 0
