@@ -37,10 +37,10 @@ int main(void)
 
 
 def counted_source(files: dict[str, str]) -> str:
-    """Return an export's updates as one C++ source, its arrays of `stored`, its variables of `real`, which count."""
+    """Return an export's updates as one C++ source, its memory of `stored`, its variables of `real`, which count."""
     header, source = files["launchid.h"], files["launchid.c"]
     memory = header.index("/* ---- memory")
-    header = header[:memory] + re.sub(r"\bdouble (\w+\[)", r"stored \1", header[memory:])
+    header = header[:memory] + re.sub(r"\bdouble (\w+[\[;])", r"stored \1", header[memory:])
     kernels, rest = source[:source.index(OWN)], source[source.index("/* ---- the estimator"):]
     kernels = re.sub(r"(const )?double \*", lambda m: f"{m[1] or ''}stored *", kernels)
     kernels = re.sub(r"(static const) double (\w+\[\])", r"\1 stored \2", kernels)
