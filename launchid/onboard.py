@@ -12,7 +12,7 @@ from sim.effects.actuator import slowed
 from sim.errors import InputError
 from sim.flight import packed, parameters
 from sim.nominal import Nominal
-from sim.sections import SERVO, UNKNOWN_WIND, Actuator
+from sim.sections import DRIFT_RATES, SERVO, UNKNOWN_WIND, Actuator
 from sim.vehicle.actuator import FIRST_ORDER_DAMPING
 
 SMALLEST_STD = 1.0e-9  # of a noise in a model
@@ -83,7 +83,8 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
         beta_std=std(sensors.beta_std, sensors.beta_step), command_noise_std=std(actuator.command_noise_std),
         acceleration_noise_std=std(simulation.acceleration_noise_std), noise_period=noise_period,
         gamma_std=max(sensors.gamma_std, sensors.alpha_std), **_known(nominal), **_air(nominal), **_unknown(nominal),
-        **_forced(nominal), **_terms(nominal), **_command_path(nominal))
+        **_forced(nominal), **_terms(nominal), **_command_path(nominal),
+        **dict(zip(DRIFT_RATES, nominal.drift_rates(), strict=True)))
 
 
 def _nodes(nominal: Nominal) -> np.ndarray:

@@ -15,6 +15,7 @@ MAX_NUISANCES = len(WIND_NOISES) + N_OFFSETS
 MAX_LEVELS = N_NOISES + len(WIND_NOISES)
 MAX_KNOWN = 8  # terms, and sines of time, that may be known to act
 SERVO = ("natural_frequency", "damping_ratio", "delay")  # what of a servo may be unknown
+DRIFTS = ("a6_drift", "k1_drift")
 # what a nuisance state is: the wind's two parts, then OFFSETS
 WALK, TURBULENCE, MISALIGNMENT, MOMENT, ATTITUDE_BIAS, GYRO_BIAS, NOZZLE_BIAS = range(7)
 SPREADS = ("wind_initial", "turbulence", *OFFSETS)  # of each nuisance, one sigma at the first sample
@@ -24,7 +25,7 @@ NODE_FIELDS = {"profile_t": ("profile_a6", "profile_k1"), "sigma_t": ("sigma_a6"
                "drift_t": ("drift_alpha", "drift_beta"), "moment_t": ("known_moment",)}
 AT_LEAST_ZERO = ("delay", "time_constant", "backlash", "command_lag", "washout",
                  "walk", "wind_initial", "turbulence", "gamma_std", *OFFSETS,
-                 *(f"{name}_sigma" for name in SERVO))
+                 *(f"{name}_sigma" for name in SERVO), *DRIFTS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +62,8 @@ class Model:
     known_cubic [1/rad^2]  c of a6 (alpha + c alpha^3), which acts in place of a6 alpha
     backlash [rad], command_lag [s], washout [s]  half width of a play on the command, time constants of a lag behind
                            it and of a wash-out behind that; 0: none
+    a6_drift, k1_drift [1/min]  one sigma of how fast a6 and k1 leave the profile, relative; 0: their ratio to it is
+                           constant but for sudden changes
 
     A wrong value raises ValueError naming field, value and allowed range.
     """
@@ -115,6 +118,8 @@ class Model:
     natural_frequency_sigma: float = 0.0
     damping_ratio_sigma: float = 0.0
     delay_sigma: float = 0.0
+    a6_drift: float = 0.0
+    k1_drift: float = 0.0
 
     def __post_init__(self) -> None:
         for nodes, values in NODE_FIELDS.items():

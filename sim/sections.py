@@ -144,6 +144,7 @@ class Bending:
 
 
 SERVO = ("natural_frequency", "damping_ratio", "delay")  # of what [actuator] may give a sigma
+DRIFT_RATES = ("a6_drift", "k1_drift")  # what [uncertainty] may say of how fast a6 and k1 leave the profile
 
 
 @dataclass(frozen=True)
@@ -312,6 +313,8 @@ class Nominal(Result):
     vehicle: Profile
     sensors: Sensors
     uncertainty: Profile | None = None   # sigma of a6 and k1 over time
+    a6_drift: float | None = None        # 1/min, one sigma of how fast a6 leaves the profile; None: not given
+    k1_drift: float | None = None        # 1/min, the same of k1
     actuator: Actuator | None = None
     controller: Controller | None = None
     guidance: Guidance | None = None
@@ -331,6 +334,21 @@ class Nominal(Result):
     def nodes(self) -> np.ndarray:
         """Return the times (n,) [s] at which a6, k1 or their range are given."""
         return self.vehicle.t if self.uncertainty is None else np.union1d(self.vehicle.t, self.uncertainty.t)
+
+    def drift_rates(self) -> tuple[float, float]:
+        """Return one sigma of how fast a6 and k1 leave the profile, shares a minute.
+
+        Where [uncertainty] gives none, each may leave the profile by its whole range within the flight; without a
+        range neither drifts.
+        """
+        given = (self.a6_drift, self.k1_drift)
+        if self.uncertainty is None or self.simulation is None:
+            whole = (0.0, 0.0)
+        else:
+            minutes = self.simulation.duration / 60.0
+            whole = (float(np.max(self.uncertainty.a6)) / minutes, float(np.max(self.uncertainty.k1)) / minutes)
+        a6, k1 = (default if rate is None else rate for rate, default in zip(given, whole, strict=True))
+        return a6, k1
 
     def table(self) -> "Columns":
         t = self.nodes()

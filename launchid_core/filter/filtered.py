@@ -30,6 +30,7 @@ LEVEL_STEP_A_BLOCK = 0.05  # most that a log level moves in BLOCK: a jump of a6 
 WIND_STEP = 0.4         # and one of the wind: what follows a calm is wind within a second, or passes for sudden changes
 LEAST_WIND = math.log(0.02)  # of a log level of the wind: lower ones change nothing, and wind may rise again
 LEVEL_RELAXES = 0.97     # of a log level in BLOCK, while the model is contradicted: 3 s
+LEAST_DRIFT = 1.0e-9    # relative, 1/s: of one that is declared beside another that is not
 RANK_TOLERANCE = 1.0e-12  # of the levels' information: below it a level is not known at all
 LEVEL_MEMORY = 0.9995   # what is left after BLOCK of what was known: noise levels may change over minutes
 
@@ -307,43 +308,74 @@ def jump(belief, fil, carried, blocks, before_a, before_k, after_a, after_k):
 
 
 @inner
-def begin_columns(size, columns):
-    """Fill `columns` with those that are solved for first, offset and servo; return how many they are."""
+def is_drifting(belief):
+    """Whether a6 or k1 may leave the profile within a window."""
+    return belief.constant.a6_drift > 0.0 or belief.constant.k1_drift > 0.0
+
+
+@inner
+def begin_columns(belief, columns):
+    """Fill `columns` with those that are solved for first, offset, servo, and slopes where there are any; return how
+    many they are."""
+    size = belief.size
+    m = size.states + size.servo
     for j in range(size.states):
         columns[j] = j
     for j in range(size.servo):
         columns[size.states + j] = size.servo_at + j
-    return size.states + size.servo
+    if is_drifting(belief):
+        columns[m], columns[m + 1] = size.servo_at + size.servo, size.servo_at + size.servo + 1
+        m += sx.N_SLOPES
+    return m
 
 
 @inner
-def reduce_columns(width, acc, work, r):
-    """Triangle r (m, m) out, at the head of work.scratch, of the first m columns of the window that work.columns
-    names; width columns in all."""
-    m = r.shape[0]
+def reduce_columns(belief, acc, work, age, r):
+    """Triangle r (m, m) out, at the head of work.scratch, of the first m columns of the window that work.columns names.
+
+    A slope's column is that of the deviation at the first sample; taken about the window's centre, `age` [s] later, the
+    deviations are those of the centre.  Each slope has its declared spread as one more row.
+    """
+    m, size = r.shape[0], belief.size
+    width, slopes = size.columns, size.servo_at + size.servo
+    rt = work.scratch[m * m:m * m + m * width].reshape((m, width))
+    for j in range(m):
+        column = work.columns[j]
+        for i in range(width):
+            rt[j, i] = acc.window[i, column]
+        if is_drifting(belief) and slopes <= column < slopes + sx.N_SLOPES:
+            of = size.states + (size.theta if column == slopes else size.beta)
+            for i in range(width):
+                rt[j, i] -= age * acc.window[i, of]
     r[:, :] = 0.0
-    absorb_columns(r, acc.window[:], work.columns[:], m, width, work.scratch[m * m:])
+    if is_drifting(belief):
+        at = size.states + size.servo
+        r[at, at] = 1.0 / max(belief.constant.a6_drift, LEAST_DRIFT)
+        r[at + 1, at + 1] = 1.0 / max(belief.constant.k1_drift, LEAST_DRIFT)
+    absorb_rows(r, rt, m, width)
 
 
 @inner
-def solve_absent(size, acc, work, active, term):
+def solve_absent(belief, acc, work, active, term, age):
     """Return (coefficient, standard deviation) of a term beside the active ones, from what `solve_window` left."""
-    n, m = size.states, begin_columns(size, work.columns[:])
+    size = belief.size
+    n, m = size.states, begin_columns(belief, work.columns[:])
     for j in range(size.terms):
         if active[j] and j != term:
             work.columns[m] = n + j
             m += 1
     work.columns[m], work.columns[m + 1] = n + term, size.sensitivities
     r = work.scratch[:(m + 2) * (m + 2)].reshape((m + 2, m + 2))
-    reduce_columns(size.columns, acc, work, r)
+    reduce_columns(belief, acc, work, age, r)
     return r[m, m + 1] / r[m, m], 1.0 / abs(r[m, m])
 
 
 @inner
-def solve_window(belief, acc, work, active):
-    """Least squares of the window's active terms on its own data: of offset, servo, active terms, tests.
+def solve_window(belief, acc, work, active, age):
+    """Least squares of the window's active terms on its own data: of offset, servo, slopes, active terms, tests.
 
     active (q,) in
+    age    in  [s] of the window's centre, since the first sample
     work   out  coefficient (theta's and beta's are relative deviations; 0 for inactive terms), deviation (NaN where
                 inactive)
     Returns by how much the tests would reduce the sum of squares beside the slopes: chi square of two if the model is
@@ -352,7 +384,9 @@ def solve_window(belief, acc, work, active):
     n = belief.size.states
     theta, beta = belief.size.theta, belief.size.beta
     columns, coefficient, deviation = work.columns[:], work.coefficient, work.deviation
-    m = begin_columns(belief.size, columns)
+    first = begin_columns(belief, columns)
+    solved = first - n - belief.size.servo  # slopes that are solved for
+    tests, m = sx.N_TESTS - solved, first
     for j in range(belief.size.terms):
         if active[j] and j != theta and j != beta:
             columns[m] = n + j
@@ -363,14 +397,14 @@ def solve_window(belief, acc, work, active):
     if active[beta]:
         columns[m] = n + beta
         m += 1
-    for j in range(sx.N_TESTS + 1):
-        columns[m + j] = belief.size.servo_at + belief.size.servo + j
-    m += sx.N_TESTS + 1
+    for j in range(tests + 1):
+        columns[m + j] = belief.size.servo_at + belief.size.servo + solved + j
+    m += tests + 1
     r = work.scratch[:m * m].reshape((m, m))
-    reduce_columns(belief.size.columns, acc, work, r)
+    reduce_columns(belief, acc, work, age, r)
     coefficient[:] = 0.0
-    last = m - sx.N_TESTS - 2  # of the terms
-    for k in range(last, n + belief.size.servo - 1, -1):
+    last = m - tests - 2  # of the terms
+    for k in range(last, first - 1, -1):
         value = r[k, m - 1]
         for j in range(k + 1, last + 1):
             value -= r[k, j] * coefficient[columns[j] - n]
@@ -388,7 +422,7 @@ def solve_window(belief, acc, work, active):
     elif active[beta]:
         deviation.k1 = 1.0 / abs(r[last, last])
     unexplained = 0.0
-    for k in range(last + 1 + sx.N_SLOPES, m - 1):
+    for k in range(last + 1 + sx.N_SLOPES - solved, m - 1):
         unexplained += r[k, m - 1] * r[k, m - 1]
     return unexplained
 
@@ -399,12 +433,14 @@ def limit_terms(block, profile):
     deviation that it would have."""
     belief, state, work, out = block[0].fixed.belief, block[0].state, block[0].work.acc, block[0].state.outcome
     if out.status == wn.OK:
-        a6, k1 = sx.profile_at(profile, centre_of(block[0].fixed, state))
+        t_centre = centre_of(block[0].fixed, state)
+        a6, k1 = sx.profile_at(profile, t_centre)
         for j in range(belief.size.terms):
             is_a6, is_k1 = j == belief.size.theta, j == belief.size.beta
             if state.active[j] and (is_a6 or is_k1):
                 continue
-            value, std = solve_absent(belief.size, state.acc, work, state.active[:], j)
+            value, std = solve_absent(belief, state.acc, work, state.active[:], j,
+                                      t_centre - state.filter.time.first)
             if state.active[j]:
                 out.std[j] = std
                 continue

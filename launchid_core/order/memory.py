@@ -18,6 +18,7 @@ from ..filter import states as sx
 from ..filter.filtered import BLOCK, LEVEL_PRIOR, WIND_PRIOR
 from ..gate import ring as rb
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, SPREADS, WIND_NOISES, Model
+from ..watch.tracker import MINUTE, slopes_of
 from . import table as tb
 from .table import CARRIED_FROM, FIXED, I8, LARGEST_SIZE, SIZE, STATE, Extent, Size, Struct
 
@@ -188,10 +189,12 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
     constant.saturation[:] = config.theta_saturation, config.theta_dot_saturation, config.beta_saturation
     constant.aero_damping = model.known_damping
     constant.block_share = block_samples(config) * config.sample_period / BLOCK
+    constant.a6_drift, constant.k1_drift = model.a6_drift / MINUTE, model.k1_drift / MINUTE
     belief.variance[:] = model.variances(config.sample_period)
     belief.prior[:], belief.prior[N_NOISES:] = LEVEL_PRIOR, WIND_PRIOR
     _fill_nuisances(model, belief, memory.apart["air"])
     belief.servo[:] = model.servo_sigma
+    belief.slopes[:] = slopes_of(model.a6_drift, model.k1_drift)
     belief.codes[:] = term_codes(config.terms)
     belief.known_codes[:] = term_codes(tuple(name for name, _ in model.known_terms))
     belief.known_coefficient[:] = [coefficient for _, coefficient in model.known_terms]

@@ -74,8 +74,8 @@ def accept_gust(belief, state, factor, dt):
     if belief.size.gust == 0 or gust.probability <= gu.GUST_PROBABILITY or factor >= log_of(gu.MEAN_CALM / dt):
         return False
     gu.take_gust(belief, state.filter, state.acc, gust)
-    tr.restart_bank(state.bank, gust.mean[a], gust.mean[k], gust.covariance[a, a], gust.covariance[a, k],
-                 gust.covariance[k, k] + ch.JUMP_STD * ch.JUMP_STD)
+    tr.restart_bank(belief.slopes[:], state.bank, gust.mean[a], gust.mean[k], gust.covariance[a, a],
+                    gust.covariance[a, k], gust.covariance[k, k] + ch.JUMP_STD * ch.JUMP_STD)
     state.watch.counts.kept = 0
     wh.forget_blocks(state.check)
     gu.forget_gust(gust)
@@ -187,7 +187,8 @@ def track_block(block):
     before.var_a6, before.cov, before.var_k1 = total.var_a6, total.cov, total.var_k1
     ch.open_onset(belief.size.states, watch, bank.total, state.acc.s_start, state.acc.start)
     triangle = work.acc.block
-    still = tr.track(bank, work.bank, tr.TRACKER_MEMORY, dt, triangle) - 0.5 * triangle[2, 2] * triangle[2, 2]
+    still = tr.track(belief.slopes[:], bank, work.bank, tr.TRACKER_MEMORY, dt, triangle)
+    still -= 0.5 * triangle[2, 2] * triangle[2, 2]
     restate_declared(belief, fil, bank, work.bank, dt)
     return gu.follow_gust(belief, fil, state.gust, work.gust[:], work.acc.pair, before, dt, still)
 
@@ -218,7 +219,8 @@ def detect_change(block, still):
     ch.raise_alarm(watch, slot, kind, factor, dt, t_end, after)
     fl.jump(fixed.belief, fil, watch.carried[slot], blocks, before.mean_a6[slot], before.mean_k1[slot], after.mean_a6,
          after.mean_k1)
-    tr.restart_bank(bank, after.mean_a6, after.mean_k1, after.var_a6, after.cov, after.var_k1)
+    tr.restart_bank(fixed.belief.slopes[:], bank, after.mean_a6, after.mean_k1, after.var_a6, after.cov,
+                    after.var_k1)
     if size.undeclared > 0:
         un.go_back(state.undeclared, blocks)
     gu.forget_gust(state.gust)
@@ -257,7 +259,7 @@ def end_block(block):
     if wh.judge_model(check, fil.level, state.undeclared.found, t_end):
         total = bank.total  # what was learned meanwhile is not to be trusted
         first = sx.FIRST_STD * sx.FIRST_STD
-        tr.restart_bank(bank, total.mean_a6, total.mean_k1, first, 0.0, first)
+        tr.restart_bank(fixed.belief.slopes[:], bank, total.mean_a6, total.mean_k1, first, 0.0, first)
     if check.beyond_chance == 1:
         for k in range(min(state.watch.counts.events, ch.MAX_EVENTS)):  # what began lately was no change
             event = state.watch.event
@@ -339,7 +341,8 @@ def solve_closed(block, ring, profile):
         out.status = wn.STUCK
         wh.contradict(state.check, t)
     else:
-        unexplained = fl.solve_window(fixed.belief, acc, work.acc, state.active[:])
+        age = rb.centre_of(fixed, state) - state.filter.time.first
+        unexplained = fl.solve_window(fixed.belief, acc, work.acc, state.active[:], age)
         wh.judge_window(state.check, state.filter.level, unexplained, t)
         out.status = fl.report_window(fixed.belief, profile, state, work.acc, rb.centre_of(fixed, state))
         out.whiteness = wh.likelihood_of_chance(state.check)
@@ -472,7 +475,8 @@ def restart_filtered(block, rows, words):
         sv.believe_servo(fixed.belief, state.filter)
     for k in range(len(tr.MEMBERS)):
         state.bank.weight[k] = 1.0 / len(tr.MEMBERS)
-    tr.restart_bank(state.bank, 0.0, 0.0, sx.FIRST_STD * sx.FIRST_STD, 0.0, sx.FIRST_STD * sx.FIRST_STD)
+    first = sx.FIRST_STD * sx.FIRST_STD
+    tr.restart_bank(fixed.belief.slopes[:], state.bank, 0.0, 0.0, first, 0.0, first)
     if size.undeclared > 0:
         un.restart_undeclared(state.undeclared)
     for k in range(size.terms):

@@ -277,6 +277,8 @@ CONSTANT = struct(
     ("offset", F8, (sx.N_CHANNELS,), "of theta, theta_dot, beta"),
     ("saturation", F8, (sx.N_CHANNELS,), "end stops of theta, theta_dot, beta; inf: none"),
     ("aero_damping", F8, (), "of theta_dot [1/s]"),
+    ("a6_drift", F8, (), "one sigma of the slope of a6, relative [1/s]; 0: it has none"),
+    ("k1_drift", F8, (), "the same of k1"),
     ("block_share", F8, (), "length of a block over `filtered.BLOCK`: 1 but for whole samples"))
 
 BELIEF = struct(
@@ -287,6 +289,7 @@ BELIEF = struct(
     ("prior", F8, ("levels",), "of their logarithms, 1/variance"),
     ("spread", F8, ("nuisances",), "standard deviation of each nuisance at the first sample"),
     ("codes", I8, ("terms", CODE_LENGTH), "library terms"),
+    ("slopes", F8, (len(MEMBERS), 2), "one sigma of those of a6 and k1 in each member of the tracker, relative [1/s]"),
     ("servo", F8, ("servo",), "one sigma of what is not known of it: relative frequency, relative damping, delay [s]"),
     ("known_codes", I8, ("known_terms", CODE_LENGTH), "terms that are known to act"),
     ("known_coefficient", F8, ("known_terms",), "of each"),

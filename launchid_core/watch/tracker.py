@@ -19,12 +19,24 @@ MEMBERS = np.array([STEADY, DRIFTING])
 TRACKER_WALK, TRACKER_SLOPE = range(2)
 MEMBER_STATES = 4
 SLOPE_TIME = 20.0          # s: a slope is forgotten over this time
+DRIFT_LEVELS = (1.0, 3.0)  # of the members' slopes over those that are declared
+MINUTE = 60.0              # s
 TRACKER_MEMORY = 30.0      # s over which the members are judged
 
 
+def slopes_of(a6_drift, k1_drift):
+    """Return one sigma of the slopes of a6 and k1 (members, 2) [relative, 1/s], from what is declared of them [1/min]."""
+    if a6_drift == k1_drift == 0.0:
+        return np.repeat(MEMBERS[:, TRACKER_SLOPE:], 2, axis=1)
+    return np.outer(DRIFT_LEVELS, (a6_drift / MINUTE, k1_drift / MINUTE))
+
+
 @inner
-def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
-    """Give every member this mean and covariance of (a6, k1), slopes 0; the members' weights stay."""
+def restart_bank(slopes, state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
+    """Give every member this mean and covariance of (a6, k1), slopes 0; the members' weights stay.
+
+    slopes (members, 2)  in  one sigma of the slopes of a6 and k1, 1/s
+    """
     for i in range(len(MEMBERS)):
         state.mean[i, :] = 0.0
         state.mean[i, 0], state.mean[i, 1] = mean_a6, mean_k1
@@ -32,12 +44,12 @@ def restart_bank(state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
         state.covariance[i, 0, 0], state.covariance[i, 1, 1] = v_aa, v_kk
         state.covariance[i, 0, 1], state.covariance[i, 1, 0] = v_ak, v_ak
         for k in range(2, 4):
-            state.covariance[i, k, k] = MEMBERS[i, TRACKER_SLOPE] * MEMBERS[i, TRACKER_SLOPE]
+            state.covariance[i, k, k] = slopes[i, k - 2] * slopes[i, k - 2]
     mix(state)
 
 
 @inner
-def move(mean, covariance, states, walk, slope, dt):
+def move(mean, covariance, states, walk, slope_a6, slope_k1, dt):
     """Time update of one member over dt [s]; what its state has beyond four stays.  mean (m,), covariance (m, m), m
     states"""
     keep = exp_of(-dt / SLOPE_TIME)
@@ -54,7 +66,8 @@ def move(mean, covariance, states, walk, slope, dt):
             covariance[i, 2 + j] *= keep
     for i in range(2):
         covariance[i, i] += walk * walk * dt
-        covariance[2 + i, 2 + i] += slope * slope * (1.0 - keep * keep)
+    covariance[2, 2] += slope_a6 * slope_a6 * (1.0 - keep * keep)
+    covariance[3, 3] += slope_k1 * slope_k1 * (1.0 - keep * keep)
 
 
 @inner
@@ -93,14 +106,14 @@ def mix(state):
 
 
 @inner
-def track(state, work, memory, dt, block):
+def track(slopes, state, work, memory, dt, block):
     """Follow one block of dt [s], block (3, 3) being its square-root information about (a6, k1), right-hand side last;
     returns its log predictive density, but for a constant."""
     fade = exp_of(-dt / memory)
     best = -np.inf
     for i in range(len(MEMBERS)):
         mean, covariance = state.mean[i], state.covariance[i]
-        move(mean, covariance, MEMBER_STATES, MEMBERS[i, TRACKER_WALK], MEMBERS[i, TRACKER_SLOPE], dt)
+        move(mean, covariance, MEMBER_STATES, MEMBERS[i, TRACKER_WALK], slopes[i, 0], slopes[i, 1], dt)
         density = absorb(mean, covariance, work, block[0, 0], block[0, 1], block[0, 2])
         density += absorb(mean, covariance, work, 0.0, block[1, 1], block[1, 2])
         state.evidence[i] = fade * state.evidence[i] + density

@@ -157,14 +157,16 @@ def follow_undeclared(block, profile):
     begin_block(state)
     reduce_moment(belief, work.undeclared, work.acc.triangle, quietest_share(fil.level))
     a6, k1 = sx.profile_at(profile, t)
-    better = walk = slope = 0.0
+    better = walk = slope_a6 = slope_k1 = 0.0
+    slopes = belief.slopes
     for i in range(len(MEMBERS)):  # variances of a6's and k1's walk and slope, as the tracker weighs its members
         walk += block[0].state.bank.weight[i] * MEMBERS[i, TRACKER_WALK] * MEMBERS[i, TRACKER_WALK]
-        slope += block[0].state.bank.weight[i] * MEMBERS[i, TRACKER_SLOPE] * MEMBERS[i, TRACKER_SLOPE]
-    walk, slope = math.sqrt(walk), math.sqrt(slope)
+        slope_a6 += block[0].state.bank.weight[i] * slopes[i, 0] * slopes[i, 0]
+        slope_k1 += block[0].state.bank.weight[i] * slopes[i, 1] * slopes[i, 1]
+    walk, slope_a6, slope_k1 = math.sqrt(walk), math.sqrt(slope_a6), math.sqrt(slope_k1)
     for f in range(FILTERS):
         mean, covariance = state.mean[f], state.covariance[f]
-        move(mean, covariance, UNDECLARED_SIZE, walk, slope, dt)
+        move(mean, covariance, UNDECLARED_SIZE, walk, slope_a6, slope_k1, dt)
         if f == NEW:
             forget_constants(covariance, dt)
         for k in range(WIND_STATES, UNDECLARED_SIZE):

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import InputError, UsageError, did_you_mean
 from ..files import reads
 from ..sections import (
+    DRIFT_RATES,
     MOST_MODES,
     Bending,
     Controller,
@@ -82,6 +83,7 @@ def nominal_of(file: Table) -> Nominal:
     vehicle, terms = vehicle_of(file)
     return Nominal(
         name=name, vehicle=vehicle, terms=terms, sensors=sensors, uncertainty=uncertainty_of(file),
+        **drift_rates_of(file),
         actuator=actuator_of(file), controller=controller, guidance=guidance_of(file, controller),
         simulation=simulation, diagnosis=diagnosis or Diagnosis(),
         margins=file.section("margins", Required) or Required(), test_input=test_input_of(file),
@@ -165,15 +167,23 @@ def terms_of(file: Table, table: object) -> dict[str, float]:
 def uncertainty_of(file: Table) -> Profile | None:
     if "uncertainty" not in file.table:
         return None
-    table = file.keys("uncertainty", {"a6", "k1", "profile"}, set())
+    table = file.keys("uncertainty", {"a6", "k1", "profile", *DRIFT_RATES}, set())
+    if table and all(key in DRIFT_RATES for key in table):
+        return None
     if "profile" in table:
         sigma = profile_of(file, "uncertainty.profile", table["profile"])
         if not (np.all(sigma.a6 > 0) and np.all(sigma.k1 > 0)):
             raise file.fail("uncertainty.profile", table["profile"], "every sigma above 0")
         return sigma
-    file.keys("uncertainty", {"a6", "k1"}, {"a6", "k1"})
+    file.keys("uncertainty", {"a6", "k1", *DRIFT_RATES}, {"a6", "k1"})
     return constant_profile(file.number("uncertainty.a6", table["a6"], above=0.0),
                             file.number("uncertainty.k1", table["k1"], above=0.0))
+
+
+def drift_rates_of(file: Table) -> dict[str, float]:
+    """Return what [uncertainty] declares of how fast a6 and k1 leave the profile, 1/min."""
+    table = file.table.get("uncertainty", {})
+    return {key: file.number(f"uncertainty.{key}", table[key], least=0.0) for key in DRIFT_RATES if key in table}
 
 
 def drift_of(file: Table) -> Drift | None:

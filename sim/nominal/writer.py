@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import InputError, UsageError
 from ..files import write_text
 from ..sections import (
+    DRIFT_RATES,
     Bending,
     Controller,
     Diagnosis,
@@ -54,6 +55,9 @@ def content_of(nominal: Nominal, path: str | Path) -> Content:
                                   ("drift", DRIFT_COLUMNS, nominal.drift)):
         if part is not None:
             content[section] = _profile(part, path, section, header)
+    rates = {key: getattr(nominal, key) for key in DRIFT_RATES if getattr(nominal, key) is not None}
+    if rates:
+        content["uncertainty"] = content.get("uncertainty", {}) | rates
     if nominal.wind is not None:
         content["wind"] = _numbers(nominal.wind)
         if nominal.wind.profile is not None:

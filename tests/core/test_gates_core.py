@@ -63,10 +63,10 @@ def test_a_blocks_density_is_the_members_mixture_and_does_not_underflow():
         bank.weight[:], bank.evidence[:] = (0.25, 0.75), (-3.0, -1.0)
         block = np.array([[1.0, 0.5, z], [0.0, 2.0, -0.5 * z], [0.0, 0.0, 0.0]])
         weight, mean, covariance = bank.weight.copy(), bank.mean.copy(), bank.covariance.copy()
-        total = track(bank, cut.work.bank, 30.0, 0.1, block)
+        total = track(tr.slopes_of(0.0, 0.0), bank, cut.work.bank, 30.0, 0.1, block)
         density = []
         for i, (walk, slope) in enumerate(tr.MEMBERS):
-            move(mean[i], covariance[i], 4, walk, slope, 0.1)
+            move(mean[i], covariance[i], 4, walk, slope, slope, 0.1)
             density.append(absorb(mean[i], covariance[i], cut.work.bank, 1.0, 0.5, z)
                            + absorb(mean[i], covariance[i], cut.work.bank, 0.0, 2.0, -0.5 * z))
         assert total == pytest.approx(np.logaddexp(*(np.log(weight) + density)), rel=1e-14)
@@ -82,9 +82,9 @@ def test_a_member_moves_as_its_model_says():
     covariance = root @ root.T
     keep = math.exp(-dt / tr.SLOPE_TIME)
     f = np.block([[np.eye(2), dt * np.eye(2)], [np.zeros((2, 2)), keep * np.eye(2)]])
-    noise = np.diag([0.3**2 * dt] * 2 + [0.2**2 * (1.0 - keep**2)] * 2)
+    noise = np.diag([0.3**2 * dt] * 2 + [0.2**2 * (1.0 - keep**2), 0.1**2 * (1.0 - keep**2)])
     expected = f @ mean, f @ covariance @ f.T + noise
-    move(mean, covariance, 4, 0.3, 0.2, dt)
+    move(mean, covariance, 4, 0.3, 0.2, 0.1, dt)
     assert mean == pytest.approx(expected[0]) and covariance == pytest.approx(expected[1])
 
 

@@ -32,9 +32,10 @@ DECIMALS = 9    # of a sample's fields: far below any sensor's noise, and rows t
 NAN, INF = math.nan, math.inf
 WINDY_OFFSETS = Offsets(thrust_misalignment=0.004, attitude_bias=0.005, gyro_bias=1e-3, nozzle_sensor_bias=1e-3,
                         moment=1e-3)
-WINDY = dataclasses.replace(load_nominal("constant"), wind=Wind(walk=0.005, turbulence=0.005), offsets=WINDY_OFFSETS)
-RANGED = load_nominal("vega_like")
-CALM = load_nominal("constant")
+DRIFTING = load_nominal("constant")  # by its range in the flight
+CALM = dataclasses.replace(DRIFTING, a6_drift=0.0, k1_drift=0.0)
+WINDY = dataclasses.replace(CALM, wind=Wind(walk=0.005, turbulence=0.005), offsets=WINDY_OFFSETS)
+RANGED = dataclasses.replace(load_nominal("vega_like"), a6_drift=0.0, k1_drift=0.0)
 
 NUMBERS = ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr", "a6_dot", "k1_dot", "a6_bound", "k1_bound", "condition",
            "whiteness", "wind", "wind_std")
@@ -87,6 +88,7 @@ VECTORS = {
     "filtered": Vector(config(model=ranged_model(RANGED)), flown(RANGED, 7.5, "control_loss:fraction=0.6,time=5")),
     "filtered-faults": Vector(config(model=onboard_model(CALM)), faulty),
     "wind": Vector(config(model=onboard_model(WINDY)), flown(WINDY, 3.0)),
+    "drift": Vector(config(model=onboard_model(DRIFTING)), flown(DRIFTING, 3.0, "control_loss:fraction=0.4,time=2")),
 }
 
 
