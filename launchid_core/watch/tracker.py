@@ -25,7 +25,7 @@ TRACKER_MEMORY = 30.0      # s over which the members are judged
 
 
 def slopes_of(a6_drift, k1_drift):
-    """Return one sigma of the slopes of a6 and k1 (members, 2) [relative, 1/s], from what is declared of them [1/min]."""
+    """Return one sigma of the slopes of a6 and k1 (members, 2) [relative, 1/s], from those declared [1/min]."""
     if a6_drift == k1_drift == 0.0:
         return np.repeat(MEMBERS[:, TRACKER_SLOPE:], 2, axis=1)
     return np.outer(DRIFT_LEVELS, (a6_drift / MINUTE, k1_drift / MINUTE))

@@ -66,7 +66,7 @@ def test_a_drift_too_slow_to_matter_leaves_the_window_as_it_is():
     nominal = load_nominal("constant")
     still, slow = (dataclasses.replace(nominal, a6_drift=rate, k1_drift=rate) for rate in (0.0, 1e-7))
     pairs = zip(estimates(still, nominal, 1), estimates(slow, nominal, 1), strict=True)
-    windows = [(a, b) for a, b in pairs if a.valid][:3]  # the tracker's members differ, and what they are linearised about
+    windows = [(a, b) for a, b in pairs if a.valid][:3]  # the members of the tracker differ later
     assert windows
     for a, b in windows:
         assert b.a6 == pytest.approx(a.a6, abs=0.2 * a.a6_std)
