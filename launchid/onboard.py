@@ -12,7 +12,7 @@ from sim.effects.actuator import slowed
 from sim.errors import InputError
 from sim.flight import packed, parameters
 from sim.nominal import Nominal
-from sim.sections import DRIFT_RATES, SERVO, UNKNOWN_WIND, Actuator
+from sim.sections import SERVO, UNKNOWN_WIND, Actuator
 from sim.vehicle.actuator import FIRST_ORDER_DAMPING
 
 SMALLEST_STD = 1.0e-9  # of a noise in a model
@@ -76,6 +76,7 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
 
     t = _nodes(nominal)
     a6, k1 = parameters(nominal, t)
+    a6_drift, k1_drift = nominal.drift_rates()
     return Model(
         profile_t=tuple(t), profile_a6=tuple(a6), profile_k1=tuple(k1), **_servo(nominal, actuator),
         theta_std=std(sensors.theta_std, sensors.theta_step),
@@ -84,7 +85,7 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
         acceleration_noise_std=std(simulation.acceleration_noise_std), noise_period=noise_period,
         gamma_std=max(sensors.gamma_std, sensors.alpha_std), **_known(nominal), **_air(nominal), **_unknown(nominal),
         **_forced(nominal), **_terms(nominal), **_command_path(nominal),
-        **dict(zip(DRIFT_RATES, nominal.drift_rates(), strict=True)))
+        a6_drift=a6_drift, k1_drift=k1_drift)
 
 
 def _nodes(nominal: Nominal) -> np.ndarray:
