@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from launchid_core import SLOWEST, Model
+from launchid_core import SLOWEST, Model, Oscillator
 from sim.disturbance_draws import sources
 from sim.effects import values
 from sim.effects.actuator import slowed
 from sim.errors import InputError
-from sim.flight import packed, parameters
+from sim.flight import gyro_shares, modes_of, packed, parameters
 from sim.nominal import Nominal
-from sim.sections import SERVO, UNKNOWN_WIND, Actuator
+from sim.sections import MOST_MODES, SERVO, UNKNOWN_WIND, Actuator, Slosh
 from sim.vehicle.actuator import FIRST_ORDER_DAMPING
 
 SMALLEST_STD = 1.0e-9  # of a noise in a model
@@ -22,7 +22,7 @@ GUST_NODES = 65        # of a one-minus-cosine as straight lines: within 6e-4 of
 SLOPE_NODES = 129      # of a k1 that is a product of two lines over the flight: within 1.6e-5 of its change
 MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth", "control_slope",
             "lateral_drift", "turbulence", "wind_walk", "controller_mismatch")
-TERMS = ("aero_cubic", "missing_term")  # value at the predicted state, and its slope
+TERMS = ("aero_cubic", "missing_term", "nozzle_inertia")  # of theta_ddot
 COMMAND_PATH = ("actuator_backlash", "input_washout")  # on the command that is known
 # what no model of the filter is near enough to, and what to do instead
 REFUSED = {
@@ -36,6 +36,7 @@ REFUSED = {
 OFFSET_KINDS = {"actuator_gain": "scale", "actuator_bias": "angle", "attitude_bias": "angle", "gyro_bias": "rate",
                 "gyro_scale": "scale", "nozzle_sensor_bias": "angle", "thrust_misalignment": "angle",
                 "aero_damping": "coefficient"}  # constants, exact
+MODES = {"slosh": "coupling", "bending": "gain"}  # with the name of their size
 KNOWN_IN_TIME = ("steady_wind", "gust", "control_loss", "moment_step", "periodic_disturbance")
 
 
@@ -59,7 +60,7 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
     if nominal.terms:
         raise InputError(f"{nominal.path}: [vehicle.terms]: the filtered formulation models theta and beta alone; "
                          "expected a6 and k1 or a profile")
-    understood = (*MODELLED, *OFFSET_KINDS, *KNOWN_IN_TIME, *TERMS, *COMMAND_PATH)
+    understood = (*MODELLED, *OFFSET_KINDS, *KNOWN_IN_TIME, *TERMS, *COMMAND_PATH, *MODES)
     for effect in nominal.effects:
         if effect.name not in understood:
             raise InputError(f"{nominal.path}: effect {effect.name!r}: the filtered formulation has no model of it; "
@@ -84,7 +85,7 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
         beta_std=std(sensors.beta_std, sensors.beta_step), command_noise_std=std(actuator.command_noise_std),
         acceleration_noise_std=std(simulation.acceleration_noise_std), noise_period=noise_period,
         gamma_std=max(sensors.gamma_std, sensors.alpha_std), **_known(nominal), **_air(nominal), **_unknown(nominal),
-        **_forced(nominal), **_terms(nominal), **_command_path(nominal),
+        modes=_modes(nominal), **_forced(nominal), **_terms(nominal), **_command_path(nominal),
         a6_drift=a6_drift, k1_drift=k1_drift)
 
 
@@ -196,6 +197,33 @@ def _unknown(nominal: Nominal) -> dict[str, Any]:
     return levels
 
 
+def _modes(nominal: Nominal) -> tuple[Oscillator, ...]:
+    """Return slosh, then bending: of [[slosh]], [[bending]] and the effects of these names, but those of size 0."""
+    made: dict[str, list[Oscillator]] = {kind: [] for kind in MODES}
+    for mode in modes_of(nominal):
+        kind = "slosh" if isinstance(mode, Slosh) else "bending"
+        angle, rate = (0.0, 0.0) if isinstance(mode, Slosh) else gyro_shares(mode)
+        size = mode.coupling if isinstance(mode, Slosh) else mode.gain if angle else mode.gyro_gain
+        assert size is not None
+        t = np.unique(np.concatenate([mode.frequency.t, size.t, mode.damping_ratio.t]))
+        made[kind].append(Oscillator(
+            kind=kind, t=tuple(t), frequency=tuple(mode.frequency.at(t)), size=tuple(size.at(t)),
+            damping_ratio=tuple(mode.damping_ratio.at(t)), frequency_sigma=mode.frequency_sigma,
+            size_sigma=getattr(mode, f"{MODES[kind]}_sigma"), damping_ratio_sigma=mode.damping_ratio_sigma, angle=angle,
+            rate=rate))
+    for effect in nominal.effects:
+        if effect.name in MODES:
+            p = {name: float(value) for name, value in values(effect).items()}
+            made[effect.name].append(Oscillator(
+                kind=effect.name, t=(0.0,), frequency=(p["frequency"],), size=(p[MODES[effect.name]],),
+                damping_ratio=(p["damping_ratio"],)))
+    for kind, modes in made.items():
+        made[kind] = [mode for mode in modes if any(mode.size)]
+        if len(made[kind]) > MOST_MODES:
+            raise InputError(f"{nominal.path}: {len(made[kind])} modes of {kind}: expected at most {MOST_MODES}")
+    return (*made["slosh"], *made["bending"])
+
+
 def _forced(nominal: Nominal) -> dict[str, Any]:
     """Return the fields of `Model` for accelerations in time that the nominal's effects fix."""
     steps = [values(each) for each in nominal.effects if each.name == "moment_step"]
@@ -214,7 +242,11 @@ def _terms(nominal: Nominal) -> dict[str, Any]:
     """Return the fields of `Model` for terms of theta_ddot that the nominal's effects fix."""
     terms = [(str(values(each)["term"]), float(values(each)["coefficient"])) for each in nominal.effects
              if each.name == "missing_term"]
-    return {"known_terms": tuple(terms), "known_cubic": packed(nominal).aero_cubic}
+    changes = packed(nominal)
+    if changes.nozzle_inertia != 0.0 and nominal.actuator is not None and nominal.actuator.is_first_order:
+        raise InputError(f"{nominal.path}: effect 'nozzle_inertia' with a first-order actuator, whose rate jumps: "
+                         "expected natural_frequency and damping_ratio")
+    return {"known_terms": tuple(terms), "known_cubic": changes.aero_cubic, "nozzle_inertia": changes.nozzle_inertia}
 
 
 def _command_path(nominal: Nominal) -> dict[str, Any]:

@@ -17,19 +17,19 @@ if TYPE_CHECKING:
     from .algebra.library import LIBRARIES, function_value, parse_term, polynomial, term_name
     from .cache import cache_folder
     from .config import MAX_ROWS, Config
-    from .estimate import Change, Estimate, Level, Tracked, Uncertainty
+    from .estimate import Change, Estimate, Level, Mode, Tracked, Uncertainty
     from .estimator import Estimator
     from .kernels import compiled
-    from .model import Model
+    from .model import Model, Oscillator
     from .order.entries import Port, port_of, precompile
     from .watch.uncertainty import BANDS, EDGES
 
 __version__ = VERSION
 
-__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "MAX_ROWS", "NOISE_LEVELS", "SLOWEST", "SOLVERS",
-           "Change", "Config", "Estimate", "EstimateStatus", "Estimator", "Level", "Model", "Port", "Sample", "Status",
-           "Tracked", "Uncertainty", "__version__", "cache_folder", "compile_listeners", "compiled", "function_value",
-           "parse_term", "polynomial", "port_of", "precompile", "term_name"]
+__all__ = ["BANDS", "EDGES", "FORMULATIONS", "LIBRARIES", "MAX_ROWS", "NOISE_LEVELS", "SLOWEST", "SOLVERS", "Change",
+           "Config", "Estimate", "EstimateStatus", "Estimator", "Level", "Mode", "Model", "Oscillator", "Port",
+           "Sample", "Status", "Tracked", "Uncertainty", "__version__", "cache_folder", "compile_listeners",
+           "compiled", "function_value", "parse_term", "polynomial", "port_of", "precompile", "term_name"]
 
 
 def _homes() -> Iterator[Any]:

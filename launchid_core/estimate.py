@@ -34,6 +34,21 @@ class Offset(NamedTuple):
     std: float
 
 
+class Mode(NamedTuple):
+    """A mode of slosh or bending as it is believed at t_end, from all data so far; NaN while the model is contradicted.
+
+    name                 `slosh1` .. or `bending1` ..
+    frequency [rad/s], frequency_std
+    size, size_std       coupling of slosh, gain of bending [rad/rad]; a number that is declared as known has 0
+    """
+
+    name: str
+    frequency: float
+    frequency_std: float
+    size: float
+    size_std: float
+
+
 class Level(NamedTuple):
     """The place of one parameter in its range, a = a0 (1 + sigma delta).
 
@@ -109,6 +124,7 @@ class Estimate:
                          deviation, at t_end, from all data so far (a model with a sigma of it, else None)
     actuator_corr        correlations of natural_frequency with damping_ratio and with delay, of damping_ratio with
                          delay; empty where actuator is None
+    modes                slosh and bending of the model at t_end, in its order
     whiteness            p-value of the innovations until t_end, were the model true (formulation `filtered`), else NaN
     absent               95 % limit of each term of theta_ddot that is not active, in its own unit; inf: not told
                          from the active ones; read-only
@@ -140,6 +156,7 @@ class Estimate:
     offsets: Mapping[str, Offset] = field(default_factory=dict)
     actuator: Mapping[str, Offset] | None = None
     actuator_corr: tuple[float, ...] = ()
+    modes: tuple[Mode, ...] = ()
     whiteness: float = math.nan
     absent: Mapping[str, float] = field(default_factory=dict)
     terms_std: Mapping[str, float] = field(default_factory=dict)

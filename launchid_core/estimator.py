@@ -9,10 +9,10 @@ import numpy as np
 
 from . import checkpoint
 from .config import Config
-from .estimate import Change, Estimate, Level, Offset, Tracked, Uncertainty
+from .estimate import Change, Estimate, Level, Mode, Offset, Tracked, Uncertainty
 from .filter.states import A6
 from .gate import ring as rb
-from .model import OFFSETS, SERVO, Model
+from .model import MODE_KINDS, OFFSETS, SERVO, Model
 from .order.entries import calls_of, loop_of, table_of
 from .order.memory import allocate
 from .sample import NAN, Sample
@@ -153,7 +153,7 @@ class Estimator:
         if report is not None and model is not None:
             more = {"tracked": Tracked(bool(report.is_tracked), *_numbers(np.array(report.tracked))),
                     "uncertainty": _uncertainty(report) if self._memory.size.ranged else None,
-                    **_air(report, model), **_actuator(report, model)}
+                    **_air(report, model), **_actuator(report, model), "modes": _modes(report, model)}
         return Estimate(
             t_start, t_start + self.config.window, status == _OK, status, float(outcome.a6), float(outcome.k1),
             float(outcome.a6_std), float(outcome.k1_std), float(outcome.correlation), float(outcome.a6_dot),
@@ -235,6 +235,15 @@ def _actuator(report: Any, model: Model) -> dict[str, Any]:
         return {}
     return {"actuator": MappingProxyType({name: Offset(*_numbers(report.actuator[k])) for k, name in enumerate(SERVO)}),
             "actuator_corr": tuple(_numbers(report.actuator_corr))}
+
+
+def _modes(report: Any, model: Model) -> tuple[Mode, ...]:
+    """Slosh and bending out of a report."""
+    made, counts = [], dict.fromkeys(MODE_KINDS, 0)
+    for mode, row in zip(model.modes, report.mode, strict=True):
+        counts[mode.kind] += 1
+        made.append(Mode(f"{mode.kind}{counts[mode.kind]}", *_numbers(row)))
+    return tuple(made)
 
 
 def _uncertainty(report: Any) -> Uncertainty:

@@ -13,6 +13,10 @@ OFFSETS = ("thrust_misalignment", "moment", "attitude_bias", "gyro_bias", "nozzl
 N_OFFSETS = len(OFFSETS)
 MAX_NUISANCES = len(WIND_NOISES) + N_OFFSETS
 MAX_LEVELS = N_NOISES + len(WIND_NOISES)
+MODE_KINDS = ("slosh", "bending")
+MODE_NUMBERS = ("frequency", "size", "damping_ratio")  # what of a mode may be unknown
+MAX_MODES = 3   # of each kind
+MAX_NUMBERS = 2 * MAX_MODES * len(MODE_NUMBERS)
 MAX_KNOWN = 8  # terms, and sines of time, that may be known to act
 SERVO = ("natural_frequency", "damping_ratio", "delay")  # what of a servo may be unknown
 DRIFTS = ("a6_drift", "k1_drift")
@@ -26,6 +30,52 @@ NODE_FIELDS = {"profile_t": ("profile_a6", "profile_k1"), "sigma_t": ("sigma_a6"
 AT_LEAST_ZERO = ("delay", "time_constant", "backlash", "command_lag", "washout",
                  "walk", "wind_initial", "turbulence", "gamma_std", *OFFSETS,
                  *(f"{name}_sigma" for name in SERVO), *DRIFTS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Oscillator:
+    """One mode of slosh or bending.
+
+    kind          `slosh`: psi'' + 2 z w psi' + w^2 psi = -theta_ddot, theta_ddot += size w^2 psi; or
+                  `bending`: eta'' + 2 z w eta' + w^2 eta = size w^2 beta, which the sensors show
+    t [s]         nodes of frequency w [rad/s], size (coupling; gain [rad/rad]) and damping ratio z, linear between
+    frequency_sigma, size_sigma, damping_ratio_sigma  one sigma of what is not known of it, as a share; 0: known
+    angle, rate   what attitude sensor and gyro show of eta and eta'
+    """
+
+    kind: str
+    t: tuple[float, ...]
+    frequency: tuple[float, ...]
+    size: tuple[float, ...]
+    damping_ratio: tuple[float, ...]
+    frequency_sigma: float = 0.0
+    size_sigma: float = 0.0
+    damping_ratio_sigma: float = 0.0
+    angle: float = 1.0
+    rate: float = 1.0
+
+    def numbers(self) -> tuple[tuple[str, tuple[float, ...]], ...]:
+        """Name and nodes of each number."""
+        return tuple((name, getattr(self, name)) for name in MODE_NUMBERS)
+
+    def __post_init__(self) -> None:
+        if self.kind not in MODE_KINDS:
+            raise ValueError(f"kind={self.kind!r}: expected {' or '.join(MODE_KINDS)}")
+        if not self.t or any(b <= a for a, b in pairwise(self.t)):
+            raise ValueError(f"t={self.t!r}: expected increasing times")
+        for name, values in self.numbers():
+            if len(values) != len(self.t) or not all(map(math.isfinite, values)):
+                raise ValueError(f"{name}={values!r}: expected {len(self.t)} finite numbers, as many as t")
+            if (name != "size" and min(values) < 0.0) or (name == "frequency" and min(values) == 0.0):
+                raise ValueError(f"{name}={values!r}: expected numbers above 0")
+        for name in (*(f"{name}_sigma" for name in MODE_NUMBERS), "angle", "rate"):
+            value = float(getattr(self, name))
+            object.__setattr__(self, name, value)
+            if not math.isfinite(value) or (name.endswith("_sigma") and value < 0.0):
+                raise ValueError(f"{name}={value!r}: expected a finite number of at least 0")
+        if self.kind == "slosh":
+            object.__setattr__(self, "angle", 0.0)
+            object.__setattr__(self, "rate", 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +106,8 @@ class Model:
                            [rad]: known sensor offsets; gyro_scale, command_gain, command_offset [rad]: what gyro and
                            actuator are known to make of rate and command
     known_damping [1/s]    d
+    nozzle_inertia         c of theta_ddot += c beta_ddot, of a second-order actuator
+    modes                  slosh, then bending: up to MAX_MODES `Oscillator` of each
     moment_t [s], known_moment [rad/s^2]  nodes of an acceleration that is known beforehand; empty: none
     sines                  the same: up to MAX_KNOWN of (amplitude [rad/s^2], frequency [rad/s], phase [rad])
     known_terms            up to MAX_KNOWN of (library term, coefficient), accelerations that are known
@@ -107,6 +159,8 @@ class Model:
     command_gain: float = 1.0
     command_offset: float = 0.0
     known_damping: float = 0.0
+    nozzle_inertia: float = 0.0
+    modes: tuple[Oscillator, ...] = ()
     moment_t: tuple[float, ...] = ()
     known_moment: tuple[float, ...] = ()
     sines: tuple[tuple[float, float, float], ...] = ()
@@ -134,7 +188,7 @@ class Model:
             object.__setattr__(self, field.name, value)
             if field.name in ("natural_frequency", "damping_ratio") and self.time_constant > 0.0:
                 continue
-            if field.name.startswith("known") or field.name == "command_offset":
+            if field.name.startswith("known") or field.name in ("command_offset", "nozzle_inertia"):
                 allowed, words = True, ""
             elif field.name in ("damping_ratio", *AT_LEAST_ZERO):
                 allowed, words = value >= 0.0, " of at least 0"
@@ -145,6 +199,8 @@ class Model:
         if self.time_constant > 0.0 and self.natural_frequency_sigma + self.damping_ratio_sigma > 0.0:
             raise ValueError(f"time_constant={self.time_constant!r}: a first-order actuator has no natural_frequency "
                              "and no damping_ratio: expected a delay_sigma alone")
+        if self.time_constant > 0.0 and self.nozzle_inertia != 0.0:
+            raise ValueError(f"nozzle_inertia={self.nozzle_inertia!r}: a first-order actuator jumps, expected 0")
 
     def _require_nodes(self, nodes: str, names: tuple[str, ...]) -> None:
         """Increasing times, and as many finite numbers of each name; a range sigma is above 0."""
@@ -166,11 +222,22 @@ class Model:
         terms = tuple((name, float(x)) for name, x in self.known_terms)
         object.__setattr__(self, "sines", sines)
         object.__setattr__(self, "known_terms", terms)
+        kinds = [MODE_KINDS.index(each.kind) for each in self.modes]
+        if kinds != sorted(kinds) or max(map(kinds.count, kinds), default=0) > MAX_MODES:
+            raise ValueError(f"modes={self.modes!r}: expected slosh before bending, at most {MAX_MODES} of each")
         if len(sines) > MAX_KNOWN or not all(len(each) == 3 and all(map(math.isfinite, each)) for each in sines):
             raise ValueError(f"sines={sines!r}: expected up to {MAX_KNOWN} of three finite numbers")
         if len(terms) > MAX_KNOWN or not all(isinstance(name, str) and math.isfinite(x) for name, x in terms):
             raise ValueError(f"known_terms={terms!r}: expected up to {MAX_KNOWN} library terms with finite "
                              "coefficients")
+
+    @property
+    def mode_counts(self) -> tuple[int, int, int, int, int]:
+        """Modes, sloshes among them, their unknown numbers, 1 if any changes with time, 1 if a sensor shows any."""
+        numbers = sum(getattr(mode, f"{name}_sigma") > 0.0 for mode in self.modes for name in MODE_NUMBERS)
+        shows = self.nozzle_inertia != 0.0 or any(mode.angle != 0.0 or mode.rate != 0.0 for mode in self.modes)
+        return (len(self.modes), sum(mode.kind == "slosh" for mode in self.modes), numbers,
+                int(any(len(mode.t) > 1 for mode in self.modes)), int(shows))
 
     @property
     def known(self) -> tuple[int, int, int, int]:

@@ -20,7 +20,7 @@ from launchid_core import Config, Sample
 from sim.effects import from_text
 from sim.flight import fly
 from sim.nominal import Nominal, load_nominal
-from sim.sections import Drift, Offsets, Wind
+from sim.sections import Bending, Drift, InTime, Offsets, Slosh, Wind, constant
 
 CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler here")
@@ -111,6 +111,20 @@ def known(**choices) -> Config:
     return filtered(model=onboard_model(dataclasses.replace(load_nominal("constant"), **KNOWN)), **choices)
 
 
+MODES = {"slosh": (Slosh(constant(3.5), constant(0.05), constant(0.01), frequency_sigma=0.1, coupling_sigma=0.5),
+                   Slosh(InTime((0.0, 40.0), (5.5, 6.5)), constant(0.02))),
+         "bending": (Bending(constant(19.0), constant(0.02), constant(0.01), gyro_gain=constant(-0.015),
+                             frequency_sigma=0.1, gain_sigma=0.5, damping_ratio_sigma=0.3),)}
+
+
+def flexible(sections=None, servo=None, **choices) -> Config:
+    """The constant nominal with slosh and bending, known and not, and with these sections and what its servo lacks."""
+    nominal = dataclasses.replace(load_nominal("constant"), **MODES, **(sections or {}))
+    assert nominal.actuator is not None
+    actuator = dataclasses.replace(nominal.actuator, **(servo or {}))
+    return filtered(model=onboard_model(dataclasses.replace(nominal, actuator=actuator)), **choices)
+
+
 def regression(formulation: str, **choices) -> Config:
     return Config(**{"window": 1.0, "sample_period": 0.01, "formulation": formulation, "library": "quadratic+sin"}
                   | choices)
@@ -126,6 +140,8 @@ CONFIGS = {
     "filtered-servo": unsure(),
     "filtered-wind-servo": unsure(ROUGH, window=10.0),
     "filtered-known": known(window=5.0),
+    "filtered-modes": flexible(window=5.0),
+    "filtered-modes-wind-servo": flexible(ROUGH, UNSURE, window=10.0),
     "filtered-declared": filtered(noise="declared"),
     "measured-stls": regression("measured", compression=3),
     "difference-sr3": regression("difference", solver="sr3", compression=2),

@@ -19,6 +19,7 @@ from ..kernels import inner, kernel
 from ..model import N_NOISES
 from . import kalman as kf
 from . import states as sx
+from .modes import doubt_of_modes, start_modes
 from .servo import doubt_of
 from .whiteness import forget_blocks, note_loss, queue_block
 
@@ -48,7 +49,7 @@ def clear_window(size, acc):
     acc.window[:, :] = 0.0
     for j in range(size.states, size.states + size.terms):
         acc.window[j, j] = WEAK_PRIOR
-    for j in range(size.servo):
+    for j in range(size.servo + size.numbers):
         acc.window[size.servo_at + j, size.servo_at + j] = 1.0
     set_identity(size, acc.psi)
     acc.counts.samples = 0
@@ -72,7 +73,7 @@ def believe_nuisances(belief, fil, acc, t):
     """
     n, last = belief.size.states, belief.size.sensitivities
     theta, beta = n + belief.size.theta, n + belief.size.beta
-    for k in range(sx.N_STATES, n):
+    for k in range(sx.N_STATES, sx.N_STATES + belief.size.nuisances):
         w = 1.0 / np.sqrt(kf.spread_at(belief, fil, k - sx.N_STATES, t))
         acc.window[k, k] = w
         for j in range(n, last):
@@ -80,6 +81,8 @@ def believe_nuisances(belief, fil, acc, t):
         acc.window[k, last] = w * (fil.s[k, theta] * fil.p_bar[sx.A6] + fil.s[k, beta] * fil.p_bar[sx.K1] - fil.x[k])
         for j in range(belief.size.servo):
             acc.window[k, last] += w * fil.s[k, belief.size.servo_at + j] * fil.servo.about[j]
+        for j in range(belief.size.numbers):
+            acc.window[k, last] += w * fil.s[k, belief.size.number_at + j] * fil.modes.about[j]
 
 
 @inner
@@ -124,10 +127,10 @@ def reduce_pair(size, work):
 
 
 @inner
-def absorb_block(size, acc, work, about):
+def absorb_block(size, acc, work, about, numbers):
     """Add the block to the window's information, its offset carried back to the window's start.
 
-    about (servo,)  in  deviations of the servo that its rows are linearised about
+    about (servo,), numbers (numbers,)  in  deviations of servo and modes that its rows are linearised about
     """
     width, n = size.columns, size.states
     copy = work.scratch[:width * width].reshape((width, width))
@@ -141,6 +144,8 @@ def absorb_block(size, acc, work, about):
             copy[c, i] = work.triangle[i, c]
         for j in range(size.servo):
             copy[width - 1, i] += work.triangle[i, size.servo_at + j] * about[j]
+        for j in range(size.numbers):
+            copy[width - 1, i] += work.triangle[i, size.number_at + j] * numbers[j]
     absorb_rows(acc.window[:], copy, width, width)
 
 
@@ -149,6 +154,33 @@ def measured(belief, row, channel):
     """theta, theta_dot or beta of a ring row without the sensor errors that are known."""
     z = row[THETA + channel] - belief.constant.offset[channel]
     return z / belief.constant.gyro_scale if channel == 1 else z
+
+
+@inner
+def doubt_of_prediction(belief, fil, work, channel):
+    """Return the variance that what is not known of servo and modes adds to a channel's prediction."""
+    size, doubt, out = belief.size, 0.0, work.out[:]
+    if size.servo + size.numbers > 0:
+        kf.apply_h(belief, fil.s[:], channel, out, size.sensitivities)
+        if size.servo > 0:
+            doubt = doubt_of(size, fil.servo, out[size.servo_at:])
+        if size.numbers > 0:
+            doubt += doubt_of_modes(belief, fil.modes, out[size.number_at:])
+    return doubt
+
+
+@inner
+def prediction_of(belief, fil, work, channel, z):
+    """Return z - H x and H P H' of a channel."""
+    partner = belief.partner[channel]
+    if belief.size.shows == 1:
+        kf.apply_h(belief, fil.p[:], channel, work.column[:], belief.size.states)
+        return z - kf.shown_of(belief, fil.x[:], channel), kf.shown_of(belief, work.column[:], channel)
+    e, predicted = z - fil.x[channel], fil.p[channel, channel]
+    if partner >= 0:
+        e -= fil.x[partner]
+        predicted += 2.0 * fil.p[channel, partner] + fil.p[partner, partner]
+    return e, predicted
 
 
 @inner
@@ -167,6 +199,8 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
             for j in range(belief.size.columns):
                 acc.window[i, j] = 0.0
         set_identity(belief.size, acc.psi)
+        if belief.size.modes > 0:
+            start_modes(belief, air, fil)
         believe_nuisances(belief, fil, acc, t)
         forget_blocks(check)
     else:
@@ -178,22 +212,16 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
             continue
         z = measured(belief, row, channel)
         r = belief.variance[channel] * exp_of(2.0 * fil.level[channel])
-        partner = belief.partner[channel]
-        doubt, out = 0.0, work.out[:]
-        if belief.size.servo > 0:
-            kf.apply_h(fil.s[:], channel, partner, out, last)
-            doubt = doubt_of(belief.size, fil.servo, out[belief.size.servo_at:])
-        e, predicted = z - fil.x[channel], fil.p[channel, channel]  # z - H x, H P H'
-        if partner >= 0:
-            e -= fil.x[partner]
-            predicted += 2.0 * fil.p[channel, partner] + fil.p[partner, partner]
+        out = work.out[:]
+        doubt = doubt_of_prediction(belief, fil, work, channel)
+        e, predicted = prediction_of(belief, fil, work, channel, z)
         outlier = e * e > kf.OUTLIER * kf.OUTLIER * (predicted + (r + doubt))
         fil.outliers[channel] = fil.outliers[channel] + 1 if outlier else 0
         fil.note.outliers += int(outlier)
         if outlier:
             continue
         variance = predicted + r  # S
-        kf.correct(belief.size, fil, work, channel, partner, e, variance, r, acc.score, acc.information)
+        kf.correct(belief, fil, work, channel, e, variance, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
         k = acc.counts.rows
         for j in range(last):
@@ -206,6 +234,8 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
         check.seen[channel] += 1
         for j in range(belief.size.servo):
             check.servo[channel, j] += out[belief.size.servo_at + j] * scale
+        for j in range(belief.size.numbers):
+            check.numbers[channel, j] += out[belief.size.number_at + j] * scale
     acc.counts.samples += 1
     kf.take_command(belief, fil, row[BETA_CMD])
 
@@ -315,16 +345,16 @@ def is_drifting(belief):
 
 @inner
 def begin_columns(belief, columns):
-    """Fill `columns` with those that are solved for first, offset, servo, and slopes where there are any; return how
-    many they are."""
+    """Fill `columns` with those that are solved for first, offset, servo, modes' numbers, and slopes where there are
+    any; return how many they are."""
     size = belief.size
-    m = size.states + size.servo
+    m = size.states + size.servo + size.numbers
     for j in range(size.states):
         columns[j] = j
-    for j in range(size.servo):
+    for j in range(size.servo + size.numbers):
         columns[size.states + j] = size.servo_at + j
     if is_drifting(belief):
-        columns[m], columns[m + 1] = size.servo_at + size.servo, size.servo_at + size.servo + 1
+        columns[m], columns[m + 1] = size.sensitivities - sx.N_TESTS, size.sensitivities - sx.N_TESTS + 1
         m += sx.N_SLOPES
     return m
 
@@ -337,7 +367,7 @@ def reduce_columns(belief, acc, work, age, r):
     deviations are those of the centre.  Each slope has its declared spread as one more row.
     """
     m, size = r.shape[0], belief.size
-    width, slopes = size.columns, size.servo_at + size.servo
+    width, slopes = size.columns, size.sensitivities - sx.N_TESTS
     rt = work.scratch[m * m:m * m + m * width].reshape((m, width))
     for j in range(m):
         column = work.columns[j]
@@ -349,7 +379,7 @@ def reduce_columns(belief, acc, work, age, r):
                 rt[j, i] -= age * acc.window[i, of]
     r[:, :] = 0.0
     if is_drifting(belief):
-        at = size.states + size.servo
+        at = size.states + size.servo + size.numbers
         r[at, at] = 1.0 / max(belief.constant.a6_drift, LEAST_DRIFT)
         r[at + 1, at + 1] = 1.0 / max(belief.constant.k1_drift, LEAST_DRIFT)
     absorb_rows(r, rt, m, width)
@@ -385,7 +415,7 @@ def solve_window(belief, acc, work, active, age):
     theta, beta = belief.size.theta, belief.size.beta
     columns, coefficient, deviation = work.columns[:], work.coefficient, work.deviation
     first = begin_columns(belief, columns)
-    solved = first - n - belief.size.servo  # slopes that are solved for
+    solved = first - n - belief.size.servo - belief.size.numbers  # slopes that are solved for
     tests, m = sx.N_TESTS - solved, first
     for j in range(belief.size.terms):
         if active[j] and j != theta and j != beta:
@@ -398,7 +428,7 @@ def solve_window(belief, acc, work, active, age):
         columns[m] = n + beta
         m += 1
     for j in range(tests + 1):
-        columns[m + j] = belief.size.servo_at + belief.size.servo + solved + j
+        columns[m + j] = belief.size.sensitivities - sx.N_TESTS + solved + j
     m += tests + 1
     r = work.scratch[:m * m].reshape((m, m))
     reduce_columns(belief, acc, work, age, r)

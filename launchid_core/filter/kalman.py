@@ -1,12 +1,13 @@
 """The innovations form: a Kalman predictor of the vehicle with its sensitivities.
 
-x         state (n,): theta, theta_dot, beta, beta_dot and r nuisances (`model.WALK` and on); theta is as measured
-          where its bias is one of them (`fill_push`)
+x         state (n,): theta, theta_dot, beta, beta_dot, r nuisances (`model.WALK` and on), modes (`modes`); theta is as
+          measured where its bias is one of them (`fill_push`), and less c beta where c beta_ddot turns the vehicle:
+          of y = theta - c beta the plant is y_ddot = a6 y + (k1 + a6 c) beta
 P         its covariance (n, n);  F  transition over a sample;  K  gain;  S = H P H' + r  variance of an innovation e
 s         derivative (n, ...) of the predicted state for an offset at the block's start (n columns), each library term
           of theta_ddot, what is not known of the servo (`servo`), and what no model has (N_TESTS columns)
 sx, sp    derivatives of x and P for the log noise levels
-H         1 at the measured channel and at its offset's state, `partner`
+H         1 at the measured channel and at its offset's state, `partner`; what it shows of others: `Belief.shown`
 
 The innovation obeys e = H s (p - p_bar) + white noise, a linear regression that neither the nozzle sensor's noise nor
 unmodelled accelerations bias: Ljung, System Identification, 2nd ed., section 9.4; Gupta & Mehra, IEEE TAC 19, 1974.
@@ -21,6 +22,7 @@ from ..algebra.library import library_column
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, MOMENT, TURBULENCE, WALK
 from . import known as kn
+from . import modes as md
 from . import servo as sv
 from . import states as sx
 
@@ -32,6 +34,17 @@ OUTLIER = 8.0                   # standard deviations of an innovation: beyond i
 MAX_OUTLIERS = 5                # in a row of one channel, for SPIKE_LASTS: then the filter is wrong, and starts afresh
 SPIKE_LASTS = 0.05              # s: so long may a sensor's spike last at any rate
 SMALL_ANGLE = 0.5               # rad: a flight-path angle beyond it is none of this model's
+
+
+@inner
+def take_off_inertia(fil, inertia, beta):
+    """Begin with a state that is theta less what the nozzle's inertia turns it by, at a nozzle angle `beta` [rad]."""
+    fil.x[0] -= inertia * beta
+    for i in range(2):
+        nozzle = fil.p[2 + i, 2 + i]
+        fil.p[i, i] += inertia * inertia * nozzle
+        fil.p[i, 2 + i] -= inertia * nozzle
+        fil.p[2 + i, i] = fil.p[i, 2 + i]
 
 
 @inner
@@ -49,7 +62,7 @@ def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
     if fil.note.segments == 0:
         fil.time.first = t
     fil.note.segments += 1
-    for j in range(n - sx.N_STATES):
+    for j in range(belief.size.nuisances):
         k = sx.N_STATES + j
         fil.p[k, k] = spread_at(belief, fil, j, t)
         if belief.role[j] == TURBULENCE:
@@ -70,6 +83,7 @@ def start_segment(belief, fil, t, theta, theta_dot, beta, gamma):
             fil.p[belief.partner[1], belief.partner[1]] = spread_at(belief, fil, belief.partner[1] - sx.N_STATES, t)
         fil.sp[1, 1, 1] = 0.0
     fil.p[3, 3] = START_NOZZLE_RATE_STD * START_NOZZLE_RATE_STD
+    take_off_inertia(fil, belief.inertia, beta)
     for i in range(n):
         fil.s[i, i] = 1.0
     if np.isfinite(gamma):
@@ -109,62 +123,89 @@ def take_command(belief, fil, command):
 
 
 @inner
-def predict(belief, profile, air, fil, work, t, command, gamma):
-    """Propagate to t [s]: x = F x + B u, s = F s + drive, P = F P F' + Q.
-
-    command, gamma [rad]  of the sample at t;  of an estimated servo `set_servo_step` has set the step
-    """
-    n, h, constant = belief.size.states, t - fil.time.last, belief.constant
-    if belief.size.servo == 0 and abs(h - fil.step.h) > sv.SAME_STEP * h:
-        frequency, damping, missing = constant.frequency, constant.damping, constant.missing
-        sv.set_step(constant, frequency, damping, h, work, fil.step)
-        if missing > 0.0:  # of the last part, in which a command acts that no sample holds
-            sv.set_step(constant, frequency, damping, missing * h, work, fil.missed)
-    a6, k1 = sx.profile_at(profile, fil.time.last + 0.5 * h)
+def acting_command(belief, fil):
+    """Return the command that acts as the step begins [rad], its change within the step (of an estimated servo; NaN:
+    not known), and the variance of its noise [rad^2]."""
+    constant = belief.constant
     acting, change = delayed_input(constant, fil), 0.0
     if belief.size.servo > 0:
         whole = int(fil.servo.delay / constant.controller_period)
         older = fil.command[min(whole + 1, sx.MAX_DELAY_SAMPLES - 1)]
-        change = fil.command[min(whole, sx.MAX_DELAY_SAMPLES - 1)] - older  # within the step; NaN: not known
+        change = fil.command[min(whole, sx.MAX_DELAY_SAMPLES - 1)] - older
         acting = older + 0.0 * change
-    u, command_variance = acting, belief.variance[sx.COMMAND_NOISE] * exp_of(2.0 * fil.level[sx.COMMAND_NOISE])
     if np.isnan(acting):  # it is not known
-        u, command_variance = fil.x[2], UNKNOWN_COMMAND_STD * UNKNOWN_COMMAND_STD
-    known_air = follow_path(belief, air, fil, h, gamma)
-    drive_terms(belief, fil, work, a6, k1, u, known_air)
-    fill_push(belief, a6, k1, work.push)
-    believed_a6, believed_k1 = a6 * (1.0 + fil.p_bar[sx.A6]), k1 * (1.0 + fil.p_bar[sx.K1])
-    f, g = work.transition[:], work.transition[:]
-    fill_transition(belief, fil, f, believed_a6, believed_k1, work.push)
-    gain_k1 = believed_k1
-    if constant.held == 1.0:  # P moves with the nominal's F
-        g, gain_k1 = work.steady[:], k1
-        fill_transition(belief, fil, g, a6, k1, work.push)
-    sv.drive_servo(belief, fil, work, believed_k1, u, change)
-    known = believed_a6 * known_air + believed_k1 * constant.lean
-    if belief.size.known == 1:
-        known += kn.known_acceleration(belief, air, fil, work, a6, believed_a6, known_air)
-    advance_state(belief, fil, f, believed_k1, u, known)             # x = F x + B u
-    if belief.size.known == 1:
-        kn.tilt_transitions(belief, fil, work, f, g)
-    propagate_sensitivities(f, n, fil.s[:], belief.size.sensitivities)   # s = F s + drive
-    if belief.size.servo > 0:
-        sv.add_change(belief, fil, work, k1, believed_k1, change)
+        return fil.x[2], change, UNKNOWN_COMMAND_STD * UNKNOWN_COMMAND_STD
+    return acting, change, belief.variance[sx.COMMAND_NOISE] * exp_of(2.0 * fil.level[sx.COMMAND_NOISE])
+
+
+@inner
+def add_drives(belief, fil, work, age):
+    """Add to the sensitivities what terms, tests and modes' numbers do over the step, its middle `age` [s] after the
+    first sample."""
+    n, h, reach = belief.size.states, fil.step.h, fil.step.reach
     for j in range(belief.size.terms):
         fil.s[0, n + j] += work.drive[0, j]
         fil.s[1, n + j] += work.drive[1, j]
-    age, reach = t - 0.5 * h - fil.time.first, fil.step.reach
     test = belief.size.sensitivities - sx.N_TESTS
     for i in range(2):
         fil.s[i, test + sx.SLOPE_A6] += age * work.drive[i, belief.size.theta]
         fil.s[i, test + sx.SLOPE_K1] += age * work.drive[i, belief.size.beta]
     fil.s[0, test + sx.MOMENT_TEST] += 0.5 * h * reach
     fil.s[1, test + sx.MOMENT_TEST] += reach
-    propagate_sensitivities(f, n, fil.sx[:], belief.size.levels)
-    propagate_covariance(g, n, fil.p[:], work.matrix)   # P = F P F' + Q, and its derivatives for the noise levels
+    for j in range(belief.size.numbers):
+        for i in range(n):
+            fil.s[i, belief.size.number_at + j] += work.number_drive[j, i]
+
+
+@inner
+def predict(belief, profile, air, fil, work, t, command, gamma):
+    """Propagate to t [s]: x = F x + B u, s = F s + drive, P = F P F' + Q.
+
+    command, gamma [rad]  of the sample at t;  of an estimated servo `set_servo_step` has set the step
+    """
+    h, constant = t - fil.time.last, belief.constant
+    if belief.size.servo == 0 and abs(h - fil.step.h) > sv.SAME_STEP * h:
+        frequency, damping, missing = constant.frequency, constant.damping, constant.missing
+        sv.set_step(constant, frequency, damping, h, work, fil.step)
+        if missing > 0.0:  # of the last part, in which a command acts that no sample holds
+            sv.set_step(constant, frequency, damping, missing * h, work, fil.missed)
+    a6, k1 = sx.profile_at(profile, fil.time.last + 0.5 * h)
+    u, change, command_variance = acting_command(belief, fil)
+    known_air, inertia = follow_path(belief, air, fil, h, gamma), belief.inertia
+    drive_terms(belief, fil, work, a6, k1, u, known_air)
+    fill_push(belief, a6, k1, work.push)
+    believed_a6, believed_k1 = a6 * (1.0 + fil.p_bar[sx.A6]), k1 * (1.0 + fil.p_bar[sx.K1])
+    known = believed_a6 * known_air + believed_k1 * constant.lean
+    believed_k1 += believed_a6 * inertia  # of theta less what the nozzle's inertia turns it by
+    f, g = work.transition[:], work.transition[:]
+    fill_transition(belief, fil, f, believed_a6, believed_k1, work.push)
+    gain_k1 = believed_k1
+    if constant.held == 1.0:  # P moves with the nominal's F
+        g, gain_k1 = work.steady[:], k1 + a6 * inertia
+        fill_transition(belief, fil, g, a6, gain_k1, work.push)
+    if belief.size.modes > 0:
+        md.fill_modes(belief, fil, f)
+        if constant.held == 1.0:
+            md.fill_modes(belief, fil, g)
+        md.drive_numbers(belief, fil, work, u, change)
+        md.advance_modes(belief, fil, work, f, u, change)
+    sv.drive_servo(belief, fil, work, believed_k1, u, change)
+    if belief.size.known == 1:
+        known += kn.known_acceleration(belief, air, fil, work, a6, believed_a6, known_air)
+    advance_state(belief, fil, work, f, believed_k1, u, known)             # x = F x + B u
+    if belief.size.known == 1:
+        kn.tilt_transitions(belief, fil, work, f, g)
+    propagate_columns(belief, work, f, fil.s[:], belief.size.sensitivities)   # s = F s + drive
+    if belief.size.servo > 0:
+        sv.add_change(belief, fil, work, k1, believed_k1, change)
+    add_drives(belief, fil, work, t - 0.5 * h - fil.time.first)
+    propagate_columns(belief, work, f, fil.sx[:], belief.size.levels)
+    propagate_symmetric(belief, work, g, fil.p[:])   # P = F P F' + Q, and its derivatives for the noise levels
     for k in range(belief.size.levels):
-        propagate_covariance(g, n, fil.sp[k], work.matrix)
+        propagate_symmetric(belief, work, g, fil.sp[k])
     add_process_noise(belief, fil, a6, gain_k1, command_variance, command)
+    if belief.size.modes > 0:
+        add_mode_noise(belief, fil, work, gain_k1, command_variance)
     fil.time.last = t
 
 
@@ -183,25 +224,43 @@ def begins_anew(belief, fil, t, max_gap):
 
 
 @inner
-def apply_h(matrix, channel, partner, shown, m):
-    """Compute H M, H being 1 at the channel and at its offset.  shown (m,) out"""
+def apply_h(belief, matrix, channel, shown, m):
+    """Compute H M, H being 1 at the channel and at its offset, and `Belief.shown` elsewhere.  shown (m,) out"""
+    partner = belief.partner[channel]
     for j in range(m):
         shown[j] = matrix[channel, j]
     if partner >= 0:
         for j in range(m):
             shown[j] += matrix[partner, j]
+    if belief.size.shows == 1:
+        for k in range(belief.size.states):
+            share = belief.shown[channel, k]
+            if share != 0.0:
+                for j in range(m):
+                    shown[j] += share * matrix[k, j]
 
 
 @inner
-def correct_level(size, fil, work, k, channel, partner, r, e, variance):
+def shown_of(belief, y, channel):
+    """Return H y of a vector y (n,)."""
+    partner = belief.partner[channel]
+    total = y[channel] + (y[partner] if partner >= 0 else 0.0)
+    if belief.size.shows == 1:
+        for k in range(belief.size.states):
+            total += belief.shown[channel, k] * y[k]
+    return total
+
+
+@inner
+def correct_level(belief, fil, work, k, channel, r, e, variance):
     """Derivative of one measurement update for noise level k: dK = (dP h - K dS)/S and what follows from it.
 
     Uses de[k], gain and column of `work`; dv[k] out.
     """
-    sp, n = fil.sp[k], size.states
+    sp, n = fil.sp[k], belief.size.states
     y = work.shown[:]
-    apply_h(sp, channel, partner, y, n)
-    ds = y[channel] + (y[partner] if partner >= 0 else 0.0) + (2.0 * r if k == channel else 0.0)
+    apply_h(belief, sp, channel, y, n)
+    ds = shown_of(belief, y, channel) + (2.0 * r if k == channel else 0.0)
     work.dv[k] = ds / variance
     for i in range(n):
         work.slope[i] = (y[i] - work.gain[i] * ds) / variance
@@ -213,27 +272,26 @@ def correct_level(size, fil, work, k, channel, partner, r, e, variance):
 
 
 @inner
-def correct(size, fil, work, channel, partner, e, variance, r, score, information):
+def correct(belief, fil, work, channel, e, variance, r, score, information):
     """Update with one scalar measurement of noise variance r: e = z - H x, S = H P H' + r (`variance`), K = P H'/S.
 
-    H is 1 at `channel` and, unless ABSENT, at `partner`, its sensor's offset.  work.out: H s.
+    work.out: H s.
     score (L,), information (L, L) inout: Fisher scoring of the log noise levels,
     d ln L = - sum (e de/S + (1 - e^2/S) dS/(2 S)), expected information de de'/S + dS dS'/(2 S^2).
     """
-    x, p, s = fil.x, fil.p, fil.s
+    x, p, s, size = fil.x, fil.p, fil.s, belief.size
     n, levels = size.states, size.levels
-    apply_h(p[:], channel, partner, work.column[:], n)         # P H'
-    apply_h(s[:], channel, partner, work.out[:], size.sensitivities)   # H s
+    apply_h(belief, p[:], channel, work.column[:], n)         # P H'
+    apply_h(belief, s[:], channel, work.out[:], size.sensitivities)   # H s
     if channel == 1:
         work.out[size.sensitivities - sx.N_TESTS + sx.GYRO_TEST] += 1.0
     for i in range(n):
         work.gain[i] = work.column[i] / variance               # K
     surplus = 1.0 - e * e / variance
+    apply_h(belief, fil.sx[:], channel, work.seen[:], levels)
     for k in range(levels):
-        work.de[k] = -fil.sx[channel, k]
-        if partner >= 0:
-            work.de[k] -= fil.sx[partner, k]
-        correct_level(size, fil, work, k, channel, partner, r, e, variance)
+        work.de[k] = -work.seen[k]
+        correct_level(belief, fil, work, k, channel, r, e, variance)
         score[k] -= e * work.de[k] / variance + 0.5 * surplus * work.dv[k]
     for k in range(levels):
         for m in range(levels):
@@ -299,7 +357,7 @@ def follow_path(belief, air, fil, h, gamma):
                 guessed -= nuisance
             elif role == MISALIGNMENT:
                 lean += nuisance
-        alpha = x[0] + 0.5 * h * x[1] - before + wind + guessed
+        alpha = x[0] + belief.inertia * x[2] + 0.5 * h * x[1] - before + wind + guessed
         after = before + h * (sx.air_at(air, sx.AIR_ALPHA, middle) * alpha
                               + sx.air_at(air, sx.AIR_BETA, middle) * (x[2] + 0.5 * h * x[3] + lean))
     if np.isfinite(gamma):
@@ -323,6 +381,7 @@ def drive_terms(belief, fil, work, a6, k1, u, air):
         work.drive[0, j] = 0.5 * h * reach * work.value[0]
         work.drive[1, j] = reach * work.value[0]
     theta, beta = belief.size.theta, belief.size.beta
+    inertia = belief.inertia
     y0 = x[0] + air
     work.drive[0, theta] = a6 * h * reach * (0.5 * y0 + h / 6.0 * x[1])
     work.drive[1, theta] = a6 * reach * (y0 + 0.5 * h * x[1])
@@ -330,6 +389,9 @@ def drive_terms(belief, fil, work, a6, k1, u, air):
     once, twice = fil.step.once, fil.step.twice
     work.drive[0, beta] = k1 * (twice[0] * x[2] + twice[1] * x[3] + twice[2] * u + 0.5 * h * reach * lean)
     work.drive[1, beta] = k1 * (once[0] * x[2] + once[1] * x[3] + once[2] * u + reach * lean)
+    if inertia != 0.0:
+        work.drive[0, theta] += a6 * inertia * (twice[0] * x[2] + twice[1] * x[3] + twice[2] * u)
+        work.drive[1, theta] += a6 * inertia * (once[0] * x[2] + once[1] * x[3] + once[2] * u)
 
 
 @inner
@@ -398,7 +460,40 @@ def propagate_sensitivities(f, n, s, columns):
 
 
 @inner
-def advance_state(belief, fil, f, k1, u, known):
+def propagate_columns(belief, work, f, m, columns):
+    """m <- F m for all rows and so many columns of m inout."""
+    if belief.size.modes > 0:
+        md.advance_columns(belief, f, m, columns, work.mode_push[:])
+    propagate_sensitivities(f, sx.N_STATES + belief.size.nuisances, m, columns)
+    if belief.size.modes > 0:
+        md.add_push(m, columns, work.mode_push[:])
+
+
+@inner
+def propagate_symmetric(belief, work, f, p):
+    """p <- F p F' of a symmetric p inout; with modes as F (F p)'."""
+    n = belief.size.states
+    if belief.size.modes == 0:
+        propagate_covariance(f, n, p, work.matrix)
+        return
+    propagate_columns(belief, work, f, p, n)
+    md.transpose(p, n)
+    propagate_columns(belief, work, f, p, n)
+    md.mirror(p, n)
+
+
+@inner
+def add_mode_noise(belief, fil, work, k1, command_variance):
+    """Process noise of one step that reaches the modes: the command's, and the doubt of their frequencies."""
+    md.add_bending_noise(belief, fil, work, k1, command_variance, 0, fil.p[:])
+    md.add_bending_noise(belief, fil, work, k1, 2.0 * command_variance, 0, fil.sp[sx.COMMAND_NOISE])
+    if belief.constant.missing > 0.0:
+        md.add_bending_noise(belief, fil, work, k1, fil.jump, 1, fil.p[:])
+    md.add_doubt(belief, fil, work)
+
+
+@inner
+def advance_state(belief, fil, work, f, k1, u, known):
     """Advance the state by one step.  u [rad] command, `known` [rad/s^2] acceleration, both held."""
     x, h, reach = fil.x, fil.step.h, fil.step.reach
     y0, y1, y2, y3 = x[0], x[1], x[2], x[3]
@@ -409,10 +504,13 @@ def advance_state(belief, fil, f, k1, u, known):
     x[3] = f[3, 2] * y2 + f[3, 3] * y3 + fil.step.by_command[1] * u
     x[0] += 0.5 * h * reach * known
     x[1] += reach * known
-    for k in range(sx.N_STATES, belief.size.states):
+    for k in range(sx.N_STATES, sx.N_STATES + belief.size.nuisances):
         x[0] += f[0, k] * x[k]
         x[1] += f[1, k] * x[k]
         x[k] *= f[k, k]
+    if belief.size.modes > 0:
+        x[0] += work.slosh[0]
+        x[1] += work.slosh[1]
 
 
 @inner

@@ -188,6 +188,7 @@ def forget_blocks(check):
     check.seen[:] = 0
     check.servo[:, :] = 0.0
     check.waiting = 0
+    check.numbers[:, :] = 0.0
     check.history[:, :] = 0.0
 
 

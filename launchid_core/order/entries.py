@@ -13,7 +13,7 @@ import numpy as np
 from .. import cache, checkpoint
 from ..algebra.compress import first_state
 from ..config import Config
-from ..filter import filtered, servo, structure
+from ..filter import filtered, modes, servo, structure
 from ..gate import ring as rb
 from ..regression import regression
 from ..sample import Sample
@@ -31,6 +31,8 @@ FILTERED_ENTRIES = (
     onboard.begin_next_window, onboard.abandon_window, onboard.seal_block, onboard.restart_filtered, onboard.report_now)
 STRUCTURE_ENTRIES = (structure.learn_structure, structure.choose_terms, filtered.limit_terms)
 RANGE_ENTRIES = (onboard.follow_range,)
+MODE_ENTRIES = (modes.set_modes, modes.relinearise_modes)
+NUMBER_ENTRIES = (modes.widen_mode_check, onboard.update_numbers, modes.open_rigid)
 SERVO_ENTRIES = (servo.set_servo_step, servo.widen_check, onboard.update_servo, servo.relinearise_servo)
 REGRESSION_ENTRIES = (regression.push_sample, regression.open_window, regression.end_window,
                       regression.restart_regression)
@@ -48,20 +50,22 @@ def entries_of(config: Config, memory: Memory) -> tuple[Any, ...]:
     """The entries that a configuration needs."""
     if memory.struct is FILTERED:
         return (FILTERED_ENTRIES + STRUCTURE_ENTRIES * memory.size.structured + RANGE_ENTRIES * memory.size.ranged
-                + SERVO_ENTRIES * (memory.size.servo > 0))
+                + SERVO_ENTRIES * (memory.size.servo > 0) + MODE_ENTRIES * (memory.size.modes > 0)
+                + NUMBER_ENTRIES * (memory.size.numbers > 0))
     return *REGRESSION_ENTRIES, regression.relax if config.solver in ("sr3", "lasso") else regression.eliminate
 
 
 @functools.cache
-def block_type(struct: Struct) -> Any:
+def block_type(struct: Struct, with_modes: bool) -> Any:
     """numba's type of an estimator's block, which it takes a tenth of a second to make."""
-    return _numba.typeof(np.zeros(1, dtype_of(struct)))
+    return _numba.typeof(np.zeros(1, dtype_of(struct, with_modes)))
 
 
 def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
     """Compile the entries or load them from the cache, then refuse to compile in flight: an int is cast."""
     given = {"words": memory.words, **memory.apart}
-    types = {"block": block_type(memory.struct), **{name: _numba.typeof(array) for name, array in given.items()}}
+    types = {"block": block_type(memory.struct, memory.size.modes > 0),
+             **{name: _numba.typeof(array) for name, array in given.items()}}
     with cache.alone:  # two estimators may be made in two threads
         for entry in entries:
             if not hasattr(entry, "py_func"):  # nothing is compiled

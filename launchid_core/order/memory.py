@@ -16,11 +16,12 @@ from ..choices import SOLVERS
 from ..config import Config
 from ..filter import states as sx
 from ..filter.filtered import BLOCK, LEVEL_PRIOR, WIND_PRIOR
+from ..filter.modes import N_MODE_COLUMNS
 from ..gate import ring as rb
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, SPREADS, WIND_NOISES, Model
 from ..watch.tracker import MINUTE, slopes_of
 from . import table as tb
-from .table import CARRIED_FROM, FIXED, I8, LARGEST_SIZE, SIZE, STATE, Extent, Size, Struct
+from .table import CARRIED_FROM, FIXED, I8, SIZE, STATE, Extent, Size, Struct, largest_size
 
 
 def extents(shape: tuple[Extent, ...], size: Mapping[str, int]) -> tuple[int, ...]:
@@ -34,11 +35,11 @@ def extents(shape: tuple[Extent, ...], size: Mapping[str, int]) -> tuple[int, ..
 
 
 @cache
-def dtype_of(struct: Struct) -> "np.dtype[Any]":
-    """The structured type of a struct, with the extents of LARGEST_SIZE."""
-    return np.dtype([(line.name, dtype_of(line.kind), ()) if isinstance(line.kind, Struct)
-                     else (line.name, line.kind, extents(line.shape, LARGEST_SIZE._asdict())) for line in struct.lines],
-                     align=True)
+def dtype_of(struct: Struct, with_modes: bool = False) -> "np.dtype[Any]":
+    """The structured type of a struct, with the extents of `largest_size`."""
+    largest = largest_size(with_modes)._asdict()
+    return np.dtype([(line.name, dtype_of(line.kind, with_modes), ()) if isinstance(line.kind, Struct)
+                     else (line.name, line.kind, extents(line.shape, largest)) for line in struct.lines], align=True)
 
 
 @cache
@@ -120,6 +121,7 @@ def size_of(config: Config) -> Size:
         assert model is not None
         return tb.size_of(q, len(model.nuisances), len(model.levels), len(model.servo_sigma),
                           config.terms.index("theta"), config.terms.index("beta"), known=model.known,
+                          modes=model.mode_counts,
                           structured=int(q > 2),
                           ranged=int(bool(model.sigma_t)))
     return tb.size_of(q, integral=int(config.formulation == "integral"), solver=SOLVERS.index(config.solver),
@@ -130,17 +132,19 @@ def allocate(config: Config) -> Memory:
     """Memory for a configuration, with what never changes in flight; what persists is zero."""
     size = size_of(config)
     struct = tb.FILTERED if config.formulation == "filtered" else tb.REGRESSION
-    block = np.zeros(1, dtype_of(struct))
+    kind = dtype_of(struct, size.modes > 0)
+    block = np.zeros(1, kind)
     grown = size._asdict() | {"held": config.rows + 1, "window": config.rows, "kept": config.kept_rows}
     if config.model is not None:
         grown |= {"innovations": sx.N_CHANNELS * block_samples(config), "nodes": len(config.model.profile_t),
-                  "air_nodes": max(1, len(_air_times(config.model))), "range_nodes": len(config.model.sigma_t)}
+                  "air_nodes": max(1, len(_air_times(config.model))),
+                  "air_columns": sx.N_AIR + N_MODE_COLUMNS * size.modes, "range_nodes": len(config.model.sigma_t)}
     fixed = block[FIXED]["belief"] if struct is tb.FILTERED else block[FIXED]
     for name, number in size._asdict().items():
         fixed["size"][name] = number
     apart = {name: np.zeros(extents(shape, grown), kind) for name, _, kind, shape,
              _ in tb.SEPARATE_ARRAYS[struct.name]}
-    state, begin = dtype_of(struct)[STATE], dtype_of(struct).fields[STATE][1]  # type: ignore[index]
+    state, begin = kind[STATE], kind.fields[STATE][1]  # type: ignore[index]
     carried = begin + state.fields[CARRIED_FROM[struct.name]][1]  # type: ignore[index]
     words = block.view(np.int64)[carried // I8.itemsize:(begin + state.itemsize) // I8.itemsize]
     memory = Memory(size, struct, block, words, members(struct, block, size), apart)
@@ -178,7 +182,7 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
     constant.controller_period = config.sample_period
     constant.missing = config.missing_commands
     constant.held = float(model.walk > 0.0 or model.turbulence > 0.0)
-    constant.airy = float(bool(_air_times(model)))
+    constant.airy = float(bool(model.forecast_t or model.drift_t or model.moment_t))
     constant.turbulence_time = model.turbulence_time
     constant.gamma_std = model.gamma_std
     constant.lean = model.known_lean
@@ -195,6 +199,7 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
     _fill_nuisances(model, belief, memory.apart["air"])
     belief.servo[:] = model.servo_sigma
     belief.slopes[:] = slopes_of(model.a6_drift, model.k1_drift)
+    _fill_modes(model, size_of(config), belief, memory.apart["air"])
     belief.codes[:] = term_codes(config.terms)
     belief.known_codes[:] = term_codes(tuple(name for name, _ in model.known_terms))
     belief.known_coefficient[:] = [coefficient for _, coefficient in model.known_terms]
@@ -206,7 +211,8 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
 
 def _air_times(model: Model) -> tuple[float, ...]:
     """Nodes at which forecast, drift or known acceleration are given; none without them."""
-    return tuple(sorted({*model.forecast_t, *model.drift_t, *model.moment_t}))
+    of_modes = (t for mode in model.modes for t in mode.t)
+    return tuple(sorted({*model.forecast_t, *model.drift_t, *model.moment_t, *of_modes}))
 
 
 def _fill_nuisances(model: Model, belief: Any, air: np.ndarray) -> None:
@@ -227,6 +233,22 @@ def _fill_nuisances(model: Model, belief: Any, air: np.ndarray) -> None:
             belief.level[k] = levels.index(WIND_NOISES[role])
         if role > ATTITUDE_BIAS:
             belief.partner[role - ATTITUDE_BIAS] = sx.N_STATES + k
+
+
+def _fill_modes(model: Model, size: Size, belief: Any, air: np.ndarray) -> None:
+    """The modes' parts of what is believed, and what sensors show of them and of the nozzle's inertia."""
+    belief.inertia = model.nozzle_inertia
+    belief.shown[0, 2], belief.shown[1, 3] = model.nozzle_inertia, model.nozzle_inertia
+    number = 0
+    for i, mode in enumerate(model.modes):
+        for k, (name, values) in enumerate(mode.numbers()):
+            air[:, sx.N_AIR + N_MODE_COLUMNS * i + k] = np.interp(air[:, sx.AIR_T], mode.t, values)
+            sigma = getattr(mode, f"{name}_sigma")
+            if sigma > 0.0:
+                belief.number[number], belief.mode_of[number], belief.number_sigma[number] = k, i, sigma
+                number += 1
+        at = size.mode_at + 2 * i
+        belief.shown[0, at], belief.shown[1, at + 1] = mode.angle, mode.rate
 
 
 def _thresholds(config: Config) -> tuple[float, float]:

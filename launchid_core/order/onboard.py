@@ -11,6 +11,7 @@ import numpy as np
 
 from ..algebra.elementary import exp_of, log_of
 from ..filter import filtered as fl
+from ..filter import modes as md
 from ..filter import servo as sv
 from ..filter import states as sx
 from ..filter import whiteness as wh
@@ -45,7 +46,7 @@ def restate_declared(belief, fil, bank, work, dt):
     """
     n, quickest = belief.size.states, len(tr.MEMBERS) - 1
     theta, beta = n + belief.size.theta, n + belief.size.beta
-    for k in range(sx.N_STATES, n):
+    for k in range(sx.N_STATES, sx.N_STATES + belief.size.nuisances):
         role = belief.role[k - sx.N_STATES]
         if role == TURBULENCE:
             continue
@@ -56,7 +57,7 @@ def restate_declared(belief, fil, bank, work, dt):
         w = np.sqrt(known / variance * dt / tr.SLOPE_TIME)
         z = w * (fil.s[k, theta] * fil.p_bar[sx.A6] + fil.s[k, beta] * fil.p_bar[sx.K1] - fil.x[k])
         tr.absorb(bank.mean[quickest], bank.covariance[quickest], work, w * fil.s[k, theta], w * fil.s[k, beta], z)
-    if n > sx.N_STATES:
+    if belief.size.nuisances > 0:
         tr.mix(bank)
 
 
@@ -145,6 +146,11 @@ def gather(block, ring, rows, profile, air, code):
             if not anew and abs(h - fil.step.h) > sv.SAME_STEP * h:
                 counts.waiting = back
                 return SET_STEP
+        elif belief.size.modes > 0:
+            fil.modes.next_step = row[rb.T] - fil.time.last
+            if not anew and abs(fil.modes.next_step - fil.step.h) > sv.SAME_STEP * fil.modes.next_step:
+                counts.waiting = back
+                return SET_STEP
         if anew:
             gu.forget_gust(state.gust)
         if acc.counts.rows == 0:
@@ -174,6 +180,27 @@ def update_servo(block):
         sv.fade_servo(belief.size, servo, work.acc, fl.left_after(belief.constant.block_share, fl.LEVEL_RELAXES))
     sv.learn_servo(belief, fil, work.acc)
     sv.solve_servo(belief.size, servo)
+
+
+@kernel
+def update_numbers(block):
+    """Add what the block says of the modes' numbers to what is known of them, as `update_servo` does of the servo's."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    belief, fil, acc, modes = fixed.belief, state.filter, state.acc, state.filter.modes
+    md.widen_pair(belief, fil, work.acc)
+    fl.reduce_pair(belief.size, work.acc)
+    unknown = 0.0
+    for i in range(belief.size.columns):
+        row = work.acc.triangle[i]
+        unknown += md.doubt_of_modes(belief, modes, row[belief.size.number_at:])
+    if unknown / max(acc.counts.rows, 1) > sv.UNSETTLED:
+        acc.score[:] = 0.0
+        acc.information[:, :] = 0.0
+    dt, _ = fl.span_of(fixed, state)
+    if state.check.raised == 1:
+        md.forget_numbers(belief, modes, fl.left_after(belief.constant.block_share, fl.LEVEL_RELAXES))
+    md.age_numbers(belief, modes, dt)
+    md.learn_numbers(belief, fil, work.acc)
 
 
 @kernel
@@ -237,12 +264,12 @@ def use_rows(block):
     """
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
     acc, fil, belief, bank, quickest = state.acc, state.filter, fixed.belief, state.bank, len(tr.MEMBERS) - 1
-    fl.absorb_block(belief.size, acc, work.acc, fil.servo.about[:])
+    fl.absorb_block(belief.size, acc, work.acc, fil.servo.about[:], fil.modes.about[:])
     if state.check.raised == 1:
         fl.relax_levels(belief, fil, acc)
     elif fixed.option.estimate_levels == 1:
         fl.update_levels(belief, fil, acc, work.acc)
-    if belief.size.states > sx.N_STATES:
+    if belief.size.nuisances > 0:
         fl.relinearise(belief, fil, bank.total.mean_a6, bank.total.mean_k1)
     else:
         fl.relinearise(belief, fil, bank.mean[quickest, sx.A6], bank.mean[quickest, sx.K1])
@@ -274,17 +301,25 @@ def close_block(size, block, rows, profile):
     """Use the rows gathered."""
     if size.servo > 0:
         sv.widen_check(block)
+    if size.numbers > 0:
+        md.widen_mode_check(block)
     fl.reduce_rows(block, rows)
     if size.servo > 0:
         update_servo(block)
+    if size.numbers > 0:
+        update_numbers(block)
     un.follow_undeclared(block, profile)
     still = track_block(block)
     if not detect_change(block, still):
         if size.structured == 1:
             learn_structure(block)
         use_rows(block)
+    elif size.numbers > 0:
+        md.open_rigid(block)
     if size.servo > 0:
         sv.relinearise_servo(block)
+    if size.modes > 0:
+        md.relinearise_modes(block)
     end_block(block)
 
 
@@ -358,7 +393,7 @@ def begin_next_window(block):
     fixed, state = block[0].fixed, block[0].state
     belief, p = fixed.belief, state.filter.p
     state.check.in_window = state.check.raised
-    for k in range(sx.N_STATES, belief.size.states):
+    for k in range(sx.N_STATES, sx.N_STATES + belief.size.nuisances):
         spread = belief.spread[k - sx.N_STATES]
         if belief.level[k - sx.N_STATES] < 0:
             p[k, k] += spread * spread * fixed.limits.window / OFFSET_TIME
@@ -408,6 +443,8 @@ def is_sound(size, fil, total):
             sound = sound and np.isfinite(fil.p[i, j])
     for j in range(size.servo):
         sound = sound and np.isfinite(fil.servo.mean[j])
+    for j in range(size.numbers):
+        sound = sound and np.isfinite(fil.modes.mean[2 + j])
     for k in range(size.levels):
         sound = sound and abs(fil.level[k]) <= ABSURD_LEVEL
     return sound
@@ -435,8 +472,11 @@ def process_samples(size, block, words, ring, seals, rows, profile, air, sigma, 
         wanted = gather(block, ring, rows, profile, air, code)
         if wanted == NOTHING:
             break
-        if size.servo > 0 and wanted == SET_STEP:
-            sv.set_servo_step(block)
+        if wanted == SET_STEP:
+            if size.servo > 0:
+                sv.set_servo_step(block)
+            if size.modes > 0:
+                md.set_modes(block, air)
         else:
             close_block(size, block, rows, profile)
     if code == rb.WINDOW_COMPLETE:
@@ -473,6 +513,8 @@ def restart_filtered(block, rows, words):
         state.filter.servo.r[k, k], state.filter.servo.root[k, k] = 1.0, 1.0
     if size.servo > 0:
         sv.believe_servo(fixed.belief, state.filter)
+    if size.numbers > 0:
+        md.restart_numbers(fixed.belief, state.filter.modes)
     for k in range(len(tr.MEMBERS)):
         state.bank.weight[k] = 1.0 / len(tr.MEMBERS)
     first = sx.FIRST_STD * sx.FIRST_STD
@@ -499,6 +541,7 @@ def report_now(block, profile, air):
     rp.report_tracked(profile, state.bank.total, contradicted, t, rep)
     rp.report_air(fixed.belief, air, state.filter, state.bank.total, contradicted, rep)
     rp.report_servo(fixed.belief, state.filter, contradicted, rep)
+    rp.report_modes(fixed.belief, air, state.filter, contradicted, t, rep)
     rp.report_changes(profile, state.watch, rep)
     for k in range(fixed.belief.size.levels):
         rep.noise[k] = exp_of(state.filter.level[k])

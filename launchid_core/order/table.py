@@ -15,11 +15,12 @@ from ..algebra.library import CODE_LENGTH, MAX_TERMS, N_VARIABLES
 from ..filter import states as sx
 from ..filter import whiteness as wh
 from ..filter.known import N_COMMAND_PATH, N_SLOPES
+from ..filter.modes import N_NOW, N_OWN
 from ..filter.servo import N_SERVO
 from ..gate import ring as rb
 from ..gate.stuck import N_WATCHED
 from ..gate.window import EQUATIONS
-from ..model import MAX_KNOWN, MAX_LEVELS, MAX_NUISANCES, N_OFFSETS
+from ..model import MAX_KNOWN, MAX_LEVELS, MAX_MODES, MAX_NUISANCES, MAX_NUMBERS, N_OFFSETS
 from ..regression.rows import N_MARKS, N_SERIES, PAIR
 from ..watch import changes as ch
 from ..watch import undeclared as un
@@ -39,13 +40,21 @@ class Size(NamedTuple):
     states: int         # of the filter
     nuisances: int      # of them beyond the vehicle's
     levels: int         # noise levels
+    rigid_numbers: int  # the modes' unknown numbers, a6 and k1; 0 where all are known
     servo: int          # numbers of the servo that are not known; 0 where all are
     responses: int      # of the servo: its own, and one for each of those numbers; 0 where all are known
-    sensitivities: int  # columns of the filter's: offset at the block's start, terms, servo, tests
+    sensitivities: int  # columns of the filter's: offset at the block's start, terms, servo, modes' numbers, tests
     servo_at: int       # the first of the servo's
     columns: int        # the same and the right-hand side
     pair: int           # columns of a block reduced to offset, theta, beta, right-hand side
     wider: int          # columns of a regression: terms, equations, drifts of a6 and k1
+    modes: int          # of slosh and bending, two states each
+    sloshes: int        # of them the first
+    mode_at: int        # the first of their states
+    numbers: int        # of theirs that are not known
+    number_at: int      # the first column of sensitivities for them
+    swept: int          # 1: their numbers change with time
+    shows: int          # 1: sensors show more than a channel and its offset
     known: int          # 1: accelerations are known beside those of a6 and k1
     known_terms: int    # terms among them
     sines: int          # sines of time among them
@@ -61,23 +70,36 @@ class Size(NamedTuple):
 
 
 def size_of(terms: int, nuisances: int = 0, levels: int = 0, servo: int = 0, theta: int = 0, beta: int = 0,
-            known: tuple[int, int, int, int] = (0, 0, 0, 0), **flags: int) -> Size:
-    """Size of an estimator, without levels a regression's; known: of `Size`, to shaped;
-    flags: the last five fields, 0 where absent."""
-    states = sx.N_STATES + nuisances if levels else 0
-    sensitivities = states + terms + servo + sx.N_TESTS
+            known: tuple[int, int, int, int] = (0, 0, 0, 0), modes: tuple[int, int, int, int, int] = (0, 0, 0, 0, 0),
+            **flags: int) -> Size:
+    """Size of an estimator, without levels a regression's.
+
+    known, modes  of `Model`: known, mode_counts;  flags: the last five fields, 0 where absent
+    """
+    mode_count, sloshes, numbers, swept, shows = modes
+    states = sx.N_STATES + nuisances + 2 * mode_count if levels else 0
+    sensitivities = states + terms + servo + numbers + sx.N_TESTS
     is_known = levels > 0 and nuisances == 0
-    responses = servo + 1 if servo else 0
-    return Size(terms, theta, beta, states, nuisances, levels, servo, responses, sensitivities, states + terms,
-                columns=sensitivities + 1, pair=states + 3, wider=terms + EQUATIONS + PAIR,
-                known=known[0], known_terms=known[1], sines=known[2], shaped=known[3], learned=terms + 1,
-                gust=states + 2 if nuisances else 0, undeclared=un.UNDECLARED_SIZE if is_known else 0,
+    return Size(terms=terms, theta=theta, beta=beta, states=states, nuisances=nuisances, levels=levels,
+                rigid_numbers=numbers + 2 if numbers else 0, servo=servo, responses=servo + 1 if servo else 0,
+                sensitivities=sensitivities, servo_at=states + terms, columns=sensitivities + 1, pair=states + 3,
+                wider=terms + EQUATIONS + PAIR, modes=mode_count, sloshes=sloshes,
+                mode_at=sx.N_STATES + nuisances if levels else 0, numbers=numbers, number_at=states + terms + servo,
+                swept=swept, shows=shows, known=known[0], known_terms=known[1], sines=known[2], shaped=known[3],
+                learned=terms + 1, gust=states + 2 if nuisances else 0,
+                undeclared=un.UNDECLARED_SIZE if is_known else 0,
                 **(dict.fromkeys(("integral", "solver", "by_share", "structured", "ranged"), 0) | flags))
 
 
-# the extents of every record
-LARGEST_SIZE = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS, N_SERVO, known=(1, MAX_KNOWN, MAX_KNOWN, 1))._replace(
-    undeclared=un.UNDECLARED_SIZE)
+def largest_size(with_modes: bool) -> Size:
+    """Return the extents of every record: what has no modes pays nothing for them."""
+    modes = (2 * MAX_MODES, MAX_MODES, MAX_NUMBERS, 1, 1) if with_modes else (0, 0, 0, 0, 1)
+    size = size_of(MAX_TERMS, MAX_NUISANCES, MAX_LEVELS, N_SERVO, known=(1, MAX_KNOWN, MAX_KNOWN, 1), modes=modes)
+    return size._replace(undeclared=un.UNDECLARED_SIZE, modes=max(size.modes, 1), numbers=max(size.numbers, 1),
+                         rigid_numbers=max(size.rigid_numbers, 3))
+
+
+LARGEST_SIZE = largest_size(False)
 
 
 Extent = int | str | tuple["Extent", ...]  # a number, a name of `Size`, the product of several
@@ -291,6 +313,11 @@ BELIEF = struct(
     ("codes", I8, ("terms", CODE_LENGTH), "library terms"),
     ("slopes", F8, (len(MEMBERS), 2), "one sigma of those of a6 and k1 in each member of the tracker, relative [1/s]"),
     ("servo", F8, ("servo",), "one sigma of what is not known of it: relative frequency, relative damping, delay [s]"),
+    ("shown", F8, (sx.N_CHANNELS, "states"), "of the states beside a channel's own and its offset's, what it shows"),
+    ("inertia", F8, (), "c of theta_ddot += c beta_ddot"),
+    ("number", I8, ("numbers",), "what of a mode each unknown number is: BY_FREQUENCY, BY_SIZE, BY_DAMPING"),
+    ("mode_of", I8, ("numbers",), "and of which"),
+    ("number_sigma", F8, ("numbers",), "one sigma of it before the flight, relative"),
     ("known_codes", I8, ("known_terms", CODE_LENGTH), "terms that are known to act"),
     ("known_coefficient", F8, ("known_terms",), "of each"),
     ("sines", F8, ("sines", 3), "known to act: amplitude [rad/s^2], frequency [rad/s], phase [rad]"),
@@ -337,6 +364,19 @@ NOTE = struct(
     ("segments", I8, (), "begun"),
     ("withdrawn_changes", I8, (), "sudden changes that a contradiction of the model followed"))
 
+MODES = struct(
+    "Modes", "What is believed of slosh and bending; deviations in standard deviations of the prior.",
+    ("now", F8, ("modes", N_NOW), "numbers as believed, and the nominal's"),
+    ("own", F8, ("modes", N_OWN), "constants of a time step"),
+    ("slope", F8, ("numbers", N_OWN), "their derivatives for each number, over a sample period"),
+    ("next_step", F8, (), "the next time step [s]"),
+    ("is_set", I8, (), "1: the numbers have not moved since the constants were set"),
+    ("mean", F8, ("rigid_numbers",), "a6 and k1 beside the modes, relative; deviations of the numbers"),
+    ("covariance", F8, ("rigid_numbers", "rigid_numbers"), "of these"),
+    ("about", F8, ("numbers",), "that the filter is linearised about"),
+    ("before", F8, ("numbers",), "variances before the block"),
+    ("gathered", F8, ("numbers",), "frequency's deviation about which each was learned"))
+
 FILTER_STATE = struct(
     "Filter", "State of the predictor.",
     ("x", F8, ("states",), "predicted state"),
@@ -355,7 +395,8 @@ FILTER_STATE = struct(
     ("jump", F8, (), "mean square of the command's changes from sample to sample"),
     ("outliers", I8, (sx.N_CHANNELS,), "measurements in a row that each channel's gate refused"),
     ("note", NOTE),
-    ("servo", UNKNOWN_SERVO))
+    ("servo", UNKNOWN_SERVO),
+    ("modes", MODES))
 
 FILTER_WORK = struct(
     "FilterWork", "Scratch of the predictor.",
@@ -373,6 +414,13 @@ FILTER_WORK = struct(
     ("other", STEP, (), "a step of another servo"),
     ("moved", F8, ("responses", sx.N_STATES), "its response"),
     ("servo_drive", F8, ("servo", sx.N_STATES), "effect of the servo's deviations on the state over a step"),
+    ("number_drive", F8, ("numbers", "states"), "effect of the modes' numbers on the state over a step"),
+    ("number_noise", F8, ("numbers", "states"), "of it what their doubt makes of a mode's own motion"),
+    ("mode_push", F8, (2, "sensitivities"), "what slosh adds to theta, theta_dot in each column of a product"),
+    ("slosh", F8, (2,), "and in the state"),
+    ("held", F8, ("states",), "effect of a command held over a step"),
+    ("own", F8, (N_OWN,), "constants of a mode"),
+    ("seen", F8, ("levels",), "derivatives of what a channel shows"),
     ("raw", F8, (N_VARIABLES, 1), "theta, theta_dot, beta at the step's middle; no tau: 0"),
     ("value", F8, (1,), "of a term there"),
     ("drive", F8, (2, "terms"), "effect of each term on theta, theta_dot over a step"),
@@ -412,6 +460,8 @@ ACCUMULATOR_WORK = struct(
     ("triangle", F8, ("columns", "columns"), "of the current block: offset at its start, terms, servo"),
     ("pair", F8, ("pair", "pair"), "of the block: offset, theta, beta, right-hand side"),
     ("block", F8, (3, 3), "of the block, the state known: theta, beta, right-hand side"),
+    ("root", F8, ("numbers", "numbers"), "of the covariance of the modes' numbers"),
+    ("number_column", F8, ("rigid_numbers",), "covariance that a measurement of them shows"),
     ("column", F8, ("states",), "of a product with a transition"),
     ("scratch", F8, ((2, "columns", "columns"),), "rows on their way into a triangle"),
     ("square", F8, (("levels", "levels"),), "information of the noise levels"),
@@ -489,6 +539,7 @@ CHECK = struct(
     ("for_k1", F8, (sx.N_CHANNELS,), "and for k1"),
     ("seen", I8, (sx.N_CHANNELS,), "measurements in it"),
     ("servo", F8, (sx.N_CHANNELS, "servo"), "sums of their sensitivities for the servo"),
+    ("numbers", F8, (sx.N_CHANNELS, "numbers"), "and for the modes' numbers"),
     ("pending", F8, (sx.CHANGE_BLOCKS, sx.N_CHANNELS), "blocks that wait"),
     ("history", F8, (wh.WHITENESS_LAGS, sx.N_CHANNELS), "the last ones taken, newest first"),
     ("sums", F8, (sx.N_CHANNELS, wh.WHITENESS_LAGS + 1), "fading sums of a channel and of its products by lag"),
@@ -578,7 +629,8 @@ REPORT = struct(
     ("air", F8, (2,), "wind angle and its standard deviation [rad], NaN without"),
     ("offset", F8, (N_OFFSETS, 2), "of model.OFFSETS: value and standard deviation, NaN where it is known"),
     ("actuator", F8, (N_SERVO, 2), "of model.SERVO: value and standard deviation, NaN where nothing of it is unknown"),
-    ("actuator_corr", F8, (N_SERVO,), "correlations: of the first with the second and the third, of these two"))
+    ("actuator_corr", F8, (N_SERVO,), "correlations: of the first with the second and the third, of these two"),
+    ("mode", F8, ("modes", 4), "frequency [rad/s], its standard deviation, coupling or gain, its standard deviation"))
 
 OPTION = struct(
     "Option", "What is chosen of the filtered formulation.",
@@ -640,6 +692,7 @@ SEPARATE_ARRAYS: dict[str, tuple[tuple[str, str, "np.dtype[Any]", tuple[Extent, 
         *GATE_APART,
         ("rows", STATE, F8, ("columns", "innovations"), "whitened innovations of a block, column by column"),
         ("profile", FIXED, F8, ("nodes", sx.N_NODE), "t [s], a6, k1 [1/s^2]"),
-        ("air", FIXED, F8, ("air_nodes", sx.N_AIR), "t [s], forecast wind [rad], drift [1/s]"),
+        ("air", FIXED, F8, ("air_nodes", "air_columns"),
+         "t [s], forecast wind [rad], drift [1/s], acceleration [rad/s^2]; of each mode frequency, size, damping"),
         ("sigma", FIXED, F8, ("range_nodes", sx.N_NODE), "t [s], range of a6 and k1"))}
 CARRIED_FROM = {"Regression": "random", "Filtered": "filter"}  # this line of the state and all after it are sealed

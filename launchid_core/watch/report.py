@@ -4,6 +4,7 @@ changes."""
 import numpy as np
 
 from ..filter import states as sx
+from ..filter.modes import BY_DAMPING, N_MODE_COLUMNS
 from ..filter.servo import BY_DELAY, std_of
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
@@ -106,6 +107,25 @@ def report_servo(belief, fil, contradicted, rep):
             for k in range(j, belief.size.servo):
                 shared += servo.root[i, k] * servo.root[j, k]
             rep.actuator_corr[i + j - 1] = shared / (std_of(belief.size, servo, i) * std_of(belief.size, servo, j))
+
+
+@inner
+def report_modes(belief, air, fil, contradicted, t, rep):
+    """Report frequency and size of every mode at t [s], as the flight has shown them so far, each with its standard
+    deviation."""
+    modes = fil.modes
+    for i in range(belief.size.modes):
+        at = sx.N_AIR + N_MODE_COLUMNS * i
+        for k in range(2):
+            rep.mode[i, 2 * k] = np.nan if contradicted else sx.air_at(air, at + k, t)
+            rep.mode[i, 2 * k + 1] = np.nan if contradicted else 0.0
+    for j in range(belief.size.numbers):
+        i, what = belief.mode_of[j], belief.number[j]
+        if what == BY_DAMPING or contradicted:
+            continue
+        nominal, sigma = rep.mode[i, 2 * what], belief.number_sigma[j]
+        rep.mode[i, 2 * what] = nominal * (1.0 + sigma * modes.mean[2 + j])
+        rep.mode[i, 2 * what + 1] = abs(nominal) * sigma * np.sqrt(modes.covariance[2 + j, 2 + j])
 
 
 @inner

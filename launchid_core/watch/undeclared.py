@@ -135,8 +135,8 @@ def reduce_moment(belief, work, triangle, share):
     c = belief.size.columns
     first = c - 1 - sx.N_TESTS
     for i in range(c):
-        work.rows[0, i] = share * triangle[i, sx.N_STATES + belief.size.theta]
-        work.rows[1, i] = share * triangle[i, sx.N_STATES + belief.size.beta]
+        work.rows[0, i] = share * triangle[i, belief.size.states + belief.size.theta]
+        work.rows[1, i] = share * triangle[i, belief.size.states + belief.size.beta]
         work.rows[2, i] = share * triangle[i, first + sx.MOMENT_TEST]
         work.rows[3, i] = share * triangle[i, c - 1]
     work.triangle[:, :] = 0.0

@@ -18,6 +18,7 @@ from ported import (
     CC,
     CONFIGS,
     KNOWN,
+    MODES,
     ROUGH,
     SHARED,
     STRICT,
@@ -116,7 +117,8 @@ KINDS = some("filtered-vega-range", "filtered-wind-servo", "filtered-functions",
 def test_a_flight_gives_the_same_bits(name, tmp_path):
     config = CONFIGS[name]
     samples = flight("vega_like" if "vega" in name else "constant", "ideal" if "measured" in name else "flight",
-                     **(ROUGH if "wind" in name else KNOWN if "known" in name else {}))
+                     **(ROUGH if "wind" in name else KNOWN if "known" in name else {}),
+                     **(MODES if "modes" in name else {}))
     said = assert_same(built(tmp_path, config), config, [sample for sample in samples if sample.t < LONG_ENOUGH])
     assert sum(line[0] == "window" and line[1] == "0" for line in said) >= 3  # or there was nothing to compare
     assert any(line[0] == "level" for line in said) == ("range" in name)
