@@ -10,11 +10,12 @@ import numpy as np
 from sim.nominal import Nominal
 
 from ..likelihood.command import nozzle_input, played
-from ..likelihood.kernel import FIRST_ORDER_SERVO, GAP, NUMBERS, SECOND_ORDER_SERVO
+from ..likelihood.kernel import FIRST_ORDER_SERVO, NUMBERS, SECOND_ORDER_SERVO
 from .believed import Believed, believed
 from .track import Track
 
 MODEL_FOLDS, FOLD_PASSES, SCORE_BLOCKS = 6, 3, 24   # of the score, times they go round, stretches for its error
+GAP = 20.0             # times the first row's length: after a longer one the motion is unknown again
 LONG = 20.0            # s, of a log that shows what changes slowly
 SMOOTH_INPUT = 0.4     # second over first differences of a measured input, up to which its acceleration is known
 SLOPE_TIME = 0.2       # s over which the size of the acceleration is measured
@@ -85,11 +86,16 @@ class KnownLog:
     def tau(self) -> np.ndarray:
         return np.linspace(-1.0, 1.0, self.n)
 
+    @property
+    def longest_gap(self) -> float:
+        """The time [s] between two rows after which the motion is unknown again."""
+        return float(GAP * self.dt[0])
+
     @cached_property
     def _scored(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rows and channels to score: not the first, nor those after a gap, while the filter settles."""
         ok, skip = np.isfinite(self.z), max(10, self.n // 200)
-        for k in (0, *(np.flatnonzero(self.dt > GAP * self.dt[0]) + 1)):
+        for k in (0, *(np.flatnonzero(self.dt > self.longest_gap) + 1)):
             ok[k:k + skip] = False
         rows, channel = np.nonzero(ok)
         return rows, channel, np.flatnonzero(ok.ravel())

@@ -140,10 +140,8 @@ class Model:
         c["inertia"], c["command_period"] = get("inertia"), log.tick
         for name, place in CURVES.items():
             value = get("term " + name, log.terms.get(name, 0.0))
-            if place == "sine":
-                rows["sine"] = value + get("sine")
-            else:
-                c[place] = value
+            (rows if place in (ROW.names or ()) else c)[place] = value
+        rows["sine"] += get("sine")
         c["sign"] -= get("friction")
         c["cube"] += get("cubic") * float(np.mean(log.a6))
         self._noise_to(c)
@@ -178,6 +176,7 @@ class Model:
         c["omega_start"] = 10.0 * s.omega**2 + 100.0 * level["theta_dot"]**2
         c["m_start"], c["g_start"] = self.air.start**2, level["turbulence"]**2
         c["b_start"], c["v_start"] = s.beta**2, (10.0 * s.beta)**2
+        c["longest_gap"] = self.log.longest_gap
 
     # ---- what follows from a run
 

@@ -13,10 +13,9 @@ from ..log.rates import INTERPOLATED, rate_of
 from ..weakform.fit import gls
 from ..weakform.judge import FAST_THETA, WRONG, Lack, Lead, against, question
 from ..weakform.rows import term_modes
-from . import filter as fl
 from . import weak
 from .channels import Channels, channels
-from .model import command, run
+from .model import BY_COMMAND, BY_MEASUREMENT, command, run
 from .scoring import Fitted, fit
 from .search import Found, is_held, search
 
@@ -116,7 +115,7 @@ def answer(result: Found) -> First:
         t=model.node_a + c.start, a6=model.linear[:na], a6_std=a6_std, k1=model.linear[na:na + nk], k1_std=k1_std,
         sine=model.sine, terms={name: (value, deviation) for name, value, deviation in rest},
         delay=delay(fitted, c),
-        delay_of="beta" if model.source == fl.BY_MEASUREMENT or not c.has("beta_cmd") else "command",
+        delay_of="beta" if model.source == BY_MEASUREMENT or not c.has("beta_cmd") else "command",
         servo=servo(fitted), offsets=offsets(fitted), noise=noise(fitted, c), wind=wind(fitted), r2=result.r2,
         notes=c.notes)
 
@@ -134,7 +133,7 @@ def spread(result: Found) -> float:
     if model.no_input:
         keep = np.arange(q) != 1
         off, q = off[keep], q - 1
-    both = parts[0].covariance + parts[1].covariance
+    both = (parts[0].covariance + parts[1].covariance)[:len(model.linear), :len(model.linear)]
     both = both[np.ix_(keep, keep)] if model.no_input else both
     scale = np.sqrt(np.maximum(np.diag(both), 1e-300))
     chi = float((off / scale) @ np.linalg.lstsq(both / np.outer(scale, scale), off / scale, rcond=1e-9)[0])
@@ -175,7 +174,7 @@ def delay(fitted: Fitted, c: Channels) -> Number | None:
     if "delay" not in model.free:
         return None
     value, std = model.numbers["delay"], fitted.std("delay")
-    if model.source == fl.BY_MEASUREMENT:
+    if model.source == BY_MEASUREMENT:
         return value, std
     if not is_held(c):
         return value, math.hypot(std, c.period / math.sqrt(12.0))
@@ -184,23 +183,17 @@ def delay(fitted: Fitted, c: Channels) -> Number | None:
 
 def servo(fitted: Fitted) -> tuple[Number, Number] | None:
     model = fitted.model
-    if model.source != fl.BY_COMMAND:
+    if model.source != BY_COMMAND:
         return None
     w, zeta = model.numbers["servo"], model.numbers["damping"]
     return ((w, w * fitted.std("servo")), (zeta, zeta * fitted.std("damping") if "damping" in model.free else 0.0))
 
 
 def offsets(fitted: Fitted) -> dict[str, Number]:
-    """Return fitted moment [rad/s^2] and gyro_bias [rad/s] at the log's end; std with the coefficients' error."""
-    model = fitted.model
-    x, p, s = fitted.final.end
-    q = len(model.linear)
-    constants = {}
-    for name, place in (("moment", fl.STATE_MOMENT), ("gyro_bias", model.shape().gyro)):
-        if place >= 0:
-            variance = p[place, place] + s[:, place] @ fitted.covariance[:q, :q] @ s[:, place]
-            constants[name] = (float(x[place]), math.sqrt(max(float(variance), 0.0)))
-    return constants
+    """Return the fitted moment [rad/s^2] and gyro_bias [rad/s]."""
+    model, q = fitted.model, len(fitted.model.linear)
+    std = np.sqrt(np.maximum(np.diag(fitted.covariance)[q:q + len(model.offsets)], 0.0))
+    return dict(zip(("moment", "gyro_bias"), zip(model.offsets.tolist(), std.tolist(), strict=True), strict=False))
 
 
 def noise(fitted: Fitted, c: Channels) -> dict[str, Number]:
@@ -209,9 +202,9 @@ def noise(fitted: Fitted, c: Channels) -> dict[str, Number]:
     levels = {}
     for name, key, period in (("theta", "r_theta", 1.0), ("theta_dot", "r_theta_dot", 1.0), ("beta", "r_beta", 1.0),
                               ("command", "q_b", c.period), ("acceleration", "q_a", c.period)):
-        if key in model.free and not (key == "q_b" and model.source != fl.BY_COMMAND):
+        if key in model.free and not (key == "q_b" and model.source != BY_COMMAND):
             value = math.sqrt(model.numbers[key] / period)
-            rough = ROUGHLY if key == "r_beta" and model.source == fl.BY_MEASUREMENT else LEVEL_UNCERTAINTY
+            rough = ROUGHLY if key == "r_beta" and model.source == BY_MEASUREMENT else LEVEL_UNCERTAINTY
             levels[name] = (value, value * math.hypot(0.5 * fitted.std(key), rough))
     if fitted.std("q_a") > UNSEEN:
         limit = unseen(fitted, c)
@@ -224,7 +217,7 @@ def unseen(fitted: Fitted, c: Channels) -> float:
     model, q_a = fitted.model, fitted.model.numbers["q_a"]
     for _ in range(100):
         q_a *= 2.0
-        if run(replace(model, numbers=model.numbers | {"q_a": q_a}), c, sensitive=False).ln_l < fitted.ln_l - 0.5:
+        if run(replace(model, numbers=model.numbers | {"q_a": q_a}), c).ln_l < fitted.ln_l - 0.5:
             break
     return math.sqrt(q_a / c.period)
 

@@ -1,9 +1,7 @@
 """Maximum likelihood by Fisher scoring, and covariances that hold when the innovations are not white.
 
-    d ln L/d p = - sum ( e de/S + (1 - e^2/S) dS/(2 S) ),      information = sum ( de de'/S + dS dS'/(2 S^2) )
-
-The filter computes the derivatives of the coefficients; those of the noise levels, the delay and the servo are
-differences of two passes.
+Score and information are the likelihood's (`likelihood.estimate`).  Derivatives for the coefficients are differences of
+innovations with the gains held, those for the noise levels, the delay and the servo differences of two runs.
 """
 
 import math
@@ -11,9 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..likelihood.estimate import fisher_information, score
 from ..sums import products
 from .channels import Channels
-from .model import Model, Pass, run
+from .model import Model, Pass, run, slopes
 
 LOG_DIFFERENCE = 0.02  # of a logarithm
 DELAY_SHARE = 0.05     # of a sample period: the same for the delay
@@ -28,8 +27,8 @@ TINY, BEYOND_ANY = 1e-30, 1e30  # of a number that is sought
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A model at its maximum of the likelihood, the filter's pass there, and covariance (p, p) of (linear, free): of
-    logarithms of the free numbers, but for the delay."""
+    """A model at its maximum of the likelihood, the filter's pass there, and covariance (p, p) of (linear,
+    offsets, free): of logarithms of the free numbers, but for the delay."""
 
     model: Model
     final: Pass    # of the filter, at the maximum
@@ -48,7 +47,7 @@ class Fitted:
 
     def std(self, name: str) -> float:
         """Return the standard deviation of a free number: of its logarithm, of the delay in s."""
-        k = len(self.model.linear) + self.model.free.index(name)
+        k = len(self.model.coefficients) + self.model.free.index(name)
         return math.sqrt(max(self.covariance[k, k], 0.0))
 
 
@@ -59,9 +58,9 @@ def penalised(ln_l: float, model: Model, done: Pass) -> float:
 
 
 def moved(model: Model, step: np.ndarray) -> Model:
-    """Return the model after a step (p,) in (linear, free), within bounds: coefficients and delay by sums, the others
-    by factors exp(step)."""
-    q = len(model.linear)
+    """Return the model after a step (p,) in (linear, offsets, free), within bounds: coefficients and delay by sums, the
+    others by factors exp(step)."""
+    q = len(model.coefficients)
     numbers = dict(model.numbers)
     for name, change in zip(model.free, step[q:].tolist(), strict=True):
         if name == "delay":
@@ -70,31 +69,32 @@ def moved(model: Model, step: np.ndarray) -> Model:
         else:
             low, high = model.bounds.get(name, (TINY, BEYOND_ANY))
             numbers[name] = min(max(numbers[name] * math.exp(change), low), high)
-    return replace(model, linear=model.linear + step[:q], numbers=numbers)
+    return replace(model.with_coefficients(model.coefficients + step[:q]), numbers=numbers)
 
 
 def scores(model: Model, c: Channels, base: Pass) -> tuple[np.ndarray, np.ndarray]:
-    """Return each innovation's score (n, p) and the information (p, p) about (linear, free), from the pass `base`."""
-    q, free = len(model.linear), model.free
+    """Return each innovation's score (n, p) and the information (p, p) about (linear, offsets, free), from the
+    pass `base`."""
+    q, free = len(model.coefficients), model.free
     used = base.counted
     e, s = base.e[used], base.variance[used]
     de, ds = np.zeros((len(e), q + len(free))), np.zeros((len(e), q + len(free)))
-    de[:, :q] = -base.h[used]
+    de[:, :q] = slopes(model, c, base)[used]
     known = de.copy(), ds.copy()   # of the information
     for k, name in enumerate(free, start=q):
         step = np.zeros(q + len(free))
         step[k] = DELAY_SHARE * c.period if name == "delay" else LOG_DIFFERENCE
-        e1, s1, same = aligned(run(moved(model, step), c, sensitive=False), base)
+        e1, s1, same = aligned(run(moved(model, step), c), base)
         if np.mean(same) < 0.5:   # a step back passes no other event
             step[k] = -step[k]
-            e1, s1, same = aligned(run(moved(model, step), c, sensitive=False), base)
+            e1, s1, same = aligned(run(moved(model, step), c), base)
         de[:, k], ds[:, k] = (e1[used] - e) / step[k], (s1[used] - s) / step[k]
         kept = same[used] / math.sqrt(max(float(np.mean(same[used])), 0.1))
         known[0][:, k], known[1][:, k] = de[:, k] * kept, ds[:, k] * kept
     known[0][:, :q] = de[:, :q]
-    score = -(e / s)[:, None] * de - (0.5 * (1.0 - e * e / s) / s)[:, None] * ds
-    a, b = known[0] / np.sqrt(s)[:, None], known[1] / (math.sqrt(2.0) * s[:, None])
-    return score, products(a, a) + products(b, b)
+    root = np.sqrt(s)[:, None]
+    return score(e / root[:, 0], de / root, ds / s[:, None]), \
+        fisher_information(known[0] / root, known[1] / s[:, None])
 
 
 def aligned(other: Pass, base: Pass) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -119,15 +119,15 @@ def fit(model: Model, c: Channels, free: tuple[str, ...] | None = None) -> Fitte
 
     free   the numbers to fit beside the coefficients; None: the model's.  The result has the model's own `free` again.
     """
-    names, q = model.free, len(model.linear)
+    names, q = model.free, len(model.coefficients)
     if free is not None:
         model = replace(model, free=free)
     held = slice(len(model.node_a), len(model.node_a) + len(model.node_k)) if model.no_input else slice(0, 0)
     limit = np.array([DELAY_MOST * c.period if name == "delay" else LOG_STEP for name in model.free])
     base, damping = run(model, c), 1e-8
-    score, information = scores(model, c, base)
+    row_scores, information = scores(model, c, base)
     for _ in range(MOST_STEPS):
-        gradient = score.sum(axis=0)
+        gradient = row_scores.sum(axis=0)
         gradient[held] = 0.0
         step = solved(information, gradient, damping)
         if 0.5 * float(gradient @ step) < DONE:
@@ -145,20 +145,20 @@ def fit(model: Model, c: Channels, free: tuple[str, ...] | None = None) -> Fitte
             break
         model, base = trial, done
         damping = max(0.1 * damping, 1e-8)
-        score, information = scores(model, c, base)
-    covariance = sandwich(score, information, base, c)
+        row_scores, information = scores(model, c, base)
+    covariance = sandwich(row_scores, information, base, c)
     return Fitted(replace(model, free=names), base, covariance, information, len(model.free))
 
 
-def sandwich(score: np.ndarray, information: np.ndarray, done: Pass, c: Channels) -> np.ndarray:
-    """Return the covariance (p, p) of the numbers: I^-1 J I^-1, J of the scores' sums over blocks (Newey & West 1987),
-    in no direction below I^-1."""
+def sandwich(each: np.ndarray, information: np.ndarray, done: Pass, c: Channels) -> np.ndarray:
+    """Return the covariance (p, p) of the numbers: I^-1 J I^-1, J of the sums of the scores `each` over blocks (Newey &
+    West 1987), in no direction below I^-1."""
     diagonal = np.diag(information)
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))   # a number held where it is has none
     inverse = np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-12)
     block = (c.t[done.row[done.counted]] / SCORE_BLOCK).astype(int)
     count = int(block.max()) + 1 if len(block) else 1
-    sums = np.stack([np.bincount(block, score[:, k] / scale[k], count) for k in range(score.shape[1])], axis=1)
+    sums = np.stack([np.bincount(block, each[:, k] / scale[k], count) for k in range(each.shape[1])], axis=1)
     sums -= sums.mean(axis=0)
     lags = max(1, round(count ** (1.0 / 3.0)))
     j = products(sums, sums)

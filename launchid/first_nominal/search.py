@@ -12,10 +12,9 @@ import numpy as np
 from ..sums import combined, inner, square
 from ..weakform.judge import INCREMENT, LARGE
 from ..weakform.rows import Rows, noise_variance
-from . import filter as fl
 from . import weak
 from .channels import Channels
-from .model import Model, command, run
+from .model import BY_COMMAND, BY_INPUT, BY_MEASUREMENT, Model, command, run
 from .scoring import Fitted, fit, penalised, scores, solved
 
 REPEATED_COMMANDS = 0.25  # of rows repeat the command: it is issued less often than it is logged
@@ -77,16 +76,16 @@ def bounds(c: Channels) -> dict[str, tuple[float, float]]:
             "turbulence_time": (2.0 * c.period, length)}
 
 
-def source_of(c: Channels) -> int:
+def source_of(c: Channels) -> str:
     """Return what moves the nozzle: BY_COMMAND (through a servo), BY_MEASUREMENT, or BY_INPUT (beta not measured)."""
     if not c.has("beta"):
-        return fl.BY_INPUT
+        return BY_INPUT
     if not c.has("beta_cmd"):
-        return fl.BY_MEASUREMENT
+        return BY_MEASUREMENT
     beta, u = weak.filled(c.t, c.beta), weak.filled(c.t, c.beta_cmd)
     left = [_unexplained(beta, np.interp(c.t - d, c.t, u))
             for d in np.arange(0.0, MOST_COMMAND_DELAY, max(c.period, 0.01))]
-    return fl.BY_COMMAND if min(left) < 1.0 - COMMAND_SHARE else fl.BY_MEASUREMENT
+    return BY_COMMAND if min(left) < 1.0 - COMMAND_SHARE else BY_MEASUREMENT
 
 
 def _unexplained(y: np.ndarray, x: np.ndarray) -> float:
@@ -104,7 +103,7 @@ def servo_start(c: Channels) -> float:
     return max(best - 2.0 * SERVO_DAMPING / FIRST_SERVO_FREQUENCY, 0.0)
 
 
-def start(c: Channels, source: int, m: Rows, terms: tuple[str, ...], delay: float) -> Model:
+def start(c: Channels, source: str, m: Rows, terms: tuple[str, ...], delay: float) -> Model:
     """Return the plain model with first numbers: coefficients of the weak form, noises from the channels' roughness."""
     _, y, phi = weak.columns(m, terms, delay)
     xi = dict(zip(("1", *terms), weak.solve(phi, y).tolist(), strict=True))
@@ -115,23 +114,24 @@ def start(c: Channels, source: int, m: Rows, terms: tuple[str, ...], delay: floa
         if c.has(name[2:]):
             numbers[name] = noise_variance(channel)
             free.append(name)
-    if source != fl.BY_INPUT:
+    if source != BY_INPUT:
         numbers["r_beta"] = noise_variance(c.beta)
         free.append("r_beta")
-    if source == fl.BY_COMMAND:
+    if source == BY_COMMAND:
         numbers |= {"servo": FIRST_SERVO_FREQUENCY, "damping": SERVO_DAMPING, "delay": servo_start(c),
                     "q_b": numbers["r_beta"] * c.period}
         free += ["q_b", "servo", "damping"]
-    elif source == fl.BY_MEASUREMENT:
+    elif source == BY_MEASUREMENT:
         u = weak.filled(c.t, c.beta)
         rough = float(np.var(np.diff(u))) / c.period**2
         numbers |= {"servo": 2.0 / c.period / 5.0, "q_b": max(rough, 1e-12) * 2.0 / c.period / 5.0}
         free += ["q_b", "servo"]
     linear = np.array([xi[term] for term in terms])
-    return Model(source, np.zeros(1), np.zeros(1), linear, numbers, (*free, "delay"), sine="sin(theta)" in terms,
-                 damping="theta_dot" in terms, friction="sign(theta_dot)" in terms,
+    offsets = np.array([xi["1"], 0.0][:1 + (c.has("theta") and c.has("theta_dot"))])
+    return Model(source, np.zeros(1), np.zeros(1), linear, offsets, numbers, (*free, "delay"),
+                 sine="sin(theta)" in terms, damping="theta_dot" in terms, friction="sign(theta_dot)" in terms,
                  smooth=3.0 * math.sqrt(numbers.get("r_theta_dot", 0.0)) or 0.05 * float(np.max(np.abs(m.theta_dot))),
-                 gyro_offset=c.has("theta") and c.has("theta_dot"), sizes=sizes(c, m), bounds=bounds(c))
+                 sizes=sizes(c, m), bounds=bounds(c))
 
 
 def search(c: Channels) -> Found:
@@ -152,13 +152,13 @@ def search(c: Channels) -> Found:
 def driven_instead(found: Found) -> Found:
     """Return `found`, or its model with another path from beta or command to the nozzle where that is more likely."""
     c, model = found.channels, found.fitted.model
-    if model.source == fl.BY_INPUT and not model.no_input:
+    if model.source == BY_INPUT and not model.no_input:
         return replace(found, fitted=servo_instead(found.fitted, c))
-    if model.source != fl.BY_MEASUREMENT:
+    if model.source != BY_MEASUREMENT:
         return found
     c = replace(c, beta_cmd=c.beta, beta=np.full(len(c.t), math.nan))
     left = {name: value for name, value in model.numbers.items() if name not in NOZZLE_NUMBERS}
-    driven = replace(model, source=fl.BY_INPUT, numbers=left, free=tuple(name for name in model.free if name in left))
+    driven = replace(model, source=BY_INPUT, numbers=left, free=tuple(name for name in model.free if name in left))
     now = servo_instead(fit(driven, c), c)
     return found if now.bic + nozzle_alone(found) <= found.fitted.bic + MARGIN else replace(
         found, channels=c, fitted=now)
@@ -168,11 +168,11 @@ def begin(c: Channels) -> Found:
     """Return the plain model of a log: two terms, or a test stand's terms at large angles, without wind and nodes."""
     u = command(c)
     idle = float(np.nanmax(u)) == float(np.nanmin(u))
-    source = fl.BY_INPUT if idle else source_of(c)
-    m = weak.motion(c, source != fl.BY_INPUT)
+    source = BY_INPUT if idle else source_of(c)
+    m = weak.motion(c, source != BY_INPUT)
     best = None
     for terms in STAND_TERMS if large(c) else (PLAIN_TERMS,):
-        delay = 0.0 if source == fl.BY_COMMAND or idle else best_delay(c, m, terms)
+        delay = 0.0 if source == BY_COMMAND or idle else best_delay(c, m, terms)
         model = start(c, source, m, terms, delay)
         if idle:
             model = replace(model, no_input=True, free=tuple(name for name in model.free if name != "delay"),
@@ -190,7 +190,7 @@ def nozzle_alone(found: Found) -> float:
     takes beta as input before it is compared with one that explains beta."""
     c, model = found.channels, found.fitted.model
     unseen = np.full(len(c.t), math.nan)
-    alone = fit(replace(model, linear=np.zeros(len(model.linear)), free=NOZZLE_NUMBERS),
+    alone = fit(replace(model.with_coefficients(0.0 * model.coefficients), free=NOZZLE_NUMBERS),
                 replace(c, theta=unseen, theta_dot=unseen))
     return penalised(alone.ln_l, replace(alone.model, linear=np.zeros(0)), alone.final)
 
@@ -217,7 +217,7 @@ def servo_instead(now: Fitted, c: Channels) -> Fitted:
     numbers = now.model.numbers | {"servo": FIRST_SERVO_FREQUENCY, "damping": SERVO_DAMPING, "q_b": 0.0,
                                    "delay": max(delay - 2.0 * SERVO_DAMPING / FIRST_SERVO_FREQUENCY, 0.0)}
     ranges = now.model.bounds | {"delay": (0.0, MOST_COMMAND_DELAY)}   # else a negative one stands for a faster servo
-    servo = fit(replace(now.model, source=fl.BY_COMMAND, numbers=numbers, free=(*now.model.free, "servo"),
+    servo = fit(replace(now.model, source=BY_COMMAND, numbers=numbers, free=(*now.model.free, "servo"),
                         bounds=ranges), c)
     ranges |= {"servo": (1.0 / float(c.t[-1]), FASTEST_UNSEEN / c.period)}
     lags = fit(replace(servo.model, free=(*servo.model.free, "damping"), bounds=ranges), c)
@@ -301,7 +301,7 @@ def thinner(model: Model) -> Iterator[Model]:
 def still(model: Model) -> tuple[str, ...]:
     """Return the free numbers to refit when models are compared: unmodelled acceleration, wind, and a measured nozzle's
     delay."""
-    names = (*FIRST_LEVELS, *(("delay",) if model.source == fl.BY_MEASUREMENT else ()))
+    names = (*FIRST_LEVELS, *(("delay",) if model.source == BY_MEASUREMENT else ()))
     return ("q_a", *(name for name in names if name in model.free))
 
 

@@ -11,9 +11,8 @@ import numpy as np
 from ..sums import combined, least_squares, square
 from ..weakform.judge import INCREMENT
 from ..weakform.rows import LONGEST_ROW_STEP, SLOPE_SPAN, Rows, increments, slope, with_noise_levels
-from . import filter as fl
 from .channels import Channels
-from .model import Model, command
+from .model import BY_COMMAND, BY_MEASUREMENT, Model, command
 
 TRIM_PIECE = 10.0      # s over which one set of coefficients and one trim hold
 HELD_OUT_SHARE = 0.4   # the last part of the log
@@ -49,14 +48,14 @@ def acting(rows: Rows, model: Model) -> np.ndarray:
     By the servo's frequency response on an even grid; the first value holds before the log.
     """
     source, numbers = model.source, model.numbers
-    if model.no_input or (source == fl.BY_COMMAND and "r_beta" in numbers):
+    if model.no_input or (source == BY_COMMAND and "r_beta" in numbers):
         return rows.beta
-    held = 0.0 if source == fl.BY_MEASUREMENT else 0.5 * rows.period   # lines between rows are half a step early
+    held = 0.0 if source == BY_MEASUREMENT else 0.5 * rows.period   # lines between rows are half a step early
     t = np.arange(rows.t[0], rows.t[-1] + rows.period, rows.period)
     u = np.interp(t, rows.t, rows.beta)
     s = 2j * np.pi * np.fft.rfftfreq(2 * len(t), rows.period)
     response = np.exp(-s * (numbers["delay"] + held))
-    if source == fl.BY_COMMAND:
+    if source == BY_COMMAND:
         w, zeta = numbers["servo"], numbers["damping"]
         response = response / (1.0 + 2.0 * zeta * s / w + (s / w) ** 2)
     moved = np.fft.irfft(np.fft.rfft(u - u[0], 2 * len(t)) * response, 2 * len(t))[:len(t)]

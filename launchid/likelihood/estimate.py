@@ -267,7 +267,22 @@ def at_bound(m: Model, fit: Fit) -> list[int]:
     return [i for i, j in enumerate(fit.free) if fit.p[j] <= low[j] + 1e-9 or fit.p[j] >= high[j] - 1e-9]
 
 
-# ---- noise levels
+# ---- what moves the variances too
+
+
+def score(e: np.ndarray, R: np.ndarray, V: np.ndarray) -> np.ndarray:
+    """Return the slopes (r, k) of each innovation's log likelihood (Astrom 1980).
+
+    e  (r,) innovations over their standard deviation s;  R (r, k) their own slopes, over s, in k numbers
+    V  (r, k) slopes of log s^2
+    """
+    return -e[:, None] * R - 0.5 * (1.0 - e * e)[:, None] * V
+
+
+def fisher_information(R: np.ndarray, V: np.ndarray) -> np.ndarray:
+    """Return the information (k, k) of the log likelihood about k numbers; R, V as in `score` (Klein and Morelli 2006,
+    eq. 6.49)."""
+    return gram(R) + 0.5 * gram(V)
 
 
 def log_likelihood(m: Model, at: Evaluation) -> float:
@@ -278,21 +293,21 @@ def log_likelihood(m: Model, at: Evaluation) -> float:
 
 
 def level_information(m: Model, at: Evaluation) -> tuple[np.ndarray, np.ndarray]:
-    """Return (gradient (moves,), twice the information (moves, moves)) of -2 log likelihood in the levels' logarithms,
-    with a normal prior about the declared (Astrom 1980; Klein and Morelli 2006, eq. 6.49)."""
+    """Return gradient (moves,) and information (moves, moves) of the log likelihood in the levels' logarithms, with a
+    normal prior about the declared."""
     h, moves = LEVEL_DIFFERENCE, m.noise.moves
     v = np.log(at.run.S.ravel()[m.scored])
-    D, V = np.empty((2, len(moves), len(at.e)))
-    for row, i in enumerate(moves):
+    D, V = np.empty((2, len(at.e), len(moves)))
+    for k, i in enumerate(moves):
         levels = m.levels.copy()
         levels[i] += h
         moved = evaluate(m.with_levels(levels), at.p)
-        D[row] = (moved.e - at.e) / h
-        V[row] = (np.log(moved.run.S.ravel()[m.scored]) - v) / h
+        D[:, k] = (moved.e - at.e) / h
+        V[:, k] = (np.log(moved.run.S.ravel()[m.scored]) - v) / h
     w = m.noise.spread[moves]**-2.0
-    R = D + 0.5 * at.e * V              # slopes of the innovations themselves
-    return 2.0 * along(D.T, at.e) + V.sum(1) + 2.0 * w * (m.levels - m.noise.declared)[moves], \
-        gram(V.T) + 2.0 * gram(R.T) + np.diag(2.0 * w + 1e-9)
+    R = D + 0.5 * at.e[:, None] * V     # of the innovations themselves
+    gradient = score(at.e, R, V).sum(axis=0) - w * (m.levels - m.noise.declared)[moves]
+    return gradient, fisher_information(R, V) + np.diag(w + 1e-9)
 
 
 def fit_levels(m: AnyModel, p: np.ndarray, rounds: int = 3) -> AnyModel:
@@ -304,7 +319,7 @@ def fit_levels(m: AnyModel, p: np.ndarray, rounds: int = 3) -> AnyModel:
         step = np.linalg.solve(A, g)
         for share in LEVEL_SHARES:
             levels = m.levels.copy()
-            levels[moves] = np.minimum(levels[moves] + np.clip(-share * step, -LEVEL_STEP, LEVEL_STEP),
+            levels[moves] = np.minimum(levels[moves] + np.clip(share * step, -LEVEL_STEP, LEVEL_STEP),
                                        (m.noise.declared + m.noise.cap)[moves])
             tried = m.with_levels(levels)
             there = evaluate(tried, p)
@@ -321,6 +336,6 @@ def fit_levels(m: AnyModel, p: np.ndarray, rounds: int = 3) -> AnyModel:
 
 def level_deviation(m: Model, p: np.ndarray, k: int) -> float:
     """Return the standard deviation of noise level k, in its unit."""
-    C = np.linalg.inv(0.5 * level_information(m, evaluate(m, p))[1])
+    C = np.linalg.inv(level_information(m, evaluate(m, p))[1])
     at = int(np.flatnonzero(m.noise.moves == k)[0])
     return float(math.exp(m.levels[k]) * math.sqrt(C[at, at]))

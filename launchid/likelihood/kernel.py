@@ -13,9 +13,10 @@
     z_rate  = s (omega - dw omega') + g0 + bending' + n
     z_beta  = b + b0 + n
 
-Between two rows lie equal steps.  Servo and modes are exact over each (the command is its mean), the vehicle is of
-second order in the step.  Anderson and Moore, Optimal Filtering, 1979, ch. 8 (EKF) and 6.2 (one scalar measurement at a
-time); Jazwinski 1970, th. 7.2 (prediction).
+Between two rows lie equal steps.  Servo and modes are exact over each (the command is its mean).  The vehicle's path is
+of third order in the step, by omega' and its slope at both ends (Hairer, Norsett and Wanner, Solving Ordinary
+Differential Equations I, 1993, II.13), its covariance of second.  Anderson and Moore, Optimal Filtering, 1979, ch. 8
+(EKF) and 6.2 (one scalar measurement at a time); Jazwinski 1970, th. 7.2 (prediction).
 
 What a run reads of its model are four arrays: the commands, and three of a structured type, which a kernel sees as
 records: NUMBERS (one), ROW (one a row), MODE (one a mode).
@@ -30,15 +31,15 @@ from sim.vehicle.kernels import apart, inner, kernel
 TH, OM, M, G, B, V = range(6)   # the states that are always there: theta, omega, m, g, b, v; then each mode's p, p'
 CORE = 6
 FIRST_ORDER_SERVO, SECOND_ORDER_SERVO, NO_SERVO, FREE_NOZZLE = range(4)
+TURNS = 0.5                     # of a step times a slope in omega, from which no series of omega' holds over the step
 RAN_AWAY = 1e7                  # rad or rad/s: a model that ran away is set back to the log
-GAP = 20.0                      # times the first row's length: after a longer one the motion is unknown again
 
 NUMBERS = np.dtype([(name, np.float64) for name in (
     # sensors: dt, dw [s], s, g0 [rad/s], b0 [rad]
     "attitude_delay", "gyro_delay", "gyro_scale", "gyro_bias", "nozzle_bias",
-    # curves of the acceleration: coefficients of cos(theta), theta^2, theta^3, sign(theta_dot) [rad/s^2],
-    # theta theta_dot; the rate [rad/s] over which the sign turns
-    "cosine", "square", "cube", "sign", "cross", "sign_rate",
+    # curves of the acceleration: coefficients of theta^2, theta^3, sign(theta_dot) [rad/s^2], theta theta_dot; the
+    # rate [rad/s] over which the sign turns
+    "square", "cube", "sign", "cross", "sign_rate",
     # nozzle: k2 [1/s^2], kappa, kind of servo, w [rad/s], zeta, the time over which a command's noise is held [s]
     "beta_square", "inertia", "servo", "frequency", "damping_ratio", "command_period",
     # air: times [s] of m and g
@@ -47,20 +48,20 @@ NUMBERS = np.dtype([(name, np.float64) for name in (
     # nozzle: of its acceleration), sigma of m (of a walk: a square root of a second) and of g
     "theta_noise", "theta_dot_noise", "beta_noise", "acceleration_noise", "command_noise", "walk_noise",
     "turbulence_noise",
-    # variances before the first row
-    "theta_start", "omega_start", "m_start", "g_start", "b_start", "v_start")])
-# of a row: f [rad/s^2], c1, c2, k, am, ag, and the coefficient of sin(theta) [1/s^2]
-ROW = np.dtype([(name, np.float64) for name in ("force", "theta", "theta_dot", "beta", "m", "g", "sine")])
+    # variances before the first row, and after a time [s] between two rows that is longer than `longest_gap`
+    "theta_start", "omega_start", "m_start", "g_start", "b_start", "v_start", "longest_gap")])
+# of a row: f [rad/s^2], c1, c2, k, am, ag, and the coefficients of sin(theta), cos(theta) [rad/s^2]
+ROW = np.dtype([(name, np.float64) for name in ("force", "theta", "theta_dot", "beta", "m", "g", "sine", "cosine")])
 # w [rad/s], zeta; slosh: its effect on the vehicle [1/s^2]; bending: that on attitude and gyro, of p and of p'
 MODE = np.dtype([(name, np.float64) for name in ("frequency", "damping_ratio", "force", "theta", "theta_dot")])
 
 
 @apart
 def _is_curved(c, rows):
-    if c.cosine != 0.0 or c.square != 0.0 or c.cube != 0.0 or c.sign != 0.0 or c.cross != 0.0:
+    if c.square != 0.0 or c.cube != 0.0 or c.sign != 0.0 or c.cross != 0.0:
         return True
     for k in range(len(rows)):
-        if rows[k].sine != 0.0:
+        if rows[k].sine != 0.0 or rows[k].cosine != 0.0:
             return True
     return False
 
@@ -76,10 +77,10 @@ def _acceleration(x, force, row, b, c, curved):
         a += (c.square + c.cube * th) * th * th + c.cross * th * om
         at += (2.0 * c.square + 3.0 * c.cube * th) * th + c.cross * om
         aw += c.cross * th
-        if row.sine != 0.0 or c.cosine != 0.0:
+        if row.sine != 0.0 or row.cosine != 0.0:
             s, co = math.sin(th), math.cos(th)
-            a += row.sine * s + c.cosine * co
-            at += row.sine * co - c.cosine * s
+            a += row.sine * s + row.cosine * co
+            at += row.sine * co - row.cosine * s
         if c.sign != 0.0:
             s = math.tanh(om / c.sign_rate)
             a += c.sign * s
@@ -88,13 +89,24 @@ def _acceleration(x, force, row, b, c, curved):
 
 
 @apart
-def _oscillation(w, zeta, h, s):
-    """Write the transition of (p, p') over h [s] of p'' + 2 zeta w p' + w^2 p = 0 to s[0:4]."""
-    z = min(zeta, 0.999)
-    d = w * math.sqrt(1.0 - z * z)
-    e, co, k = math.exp(-z * w * h), math.cos(d * h), math.sin(d * h)
+def _rise(om, a, at, aw, h):
+    """Return the slope of omega' in time, the nozzle held; 0 where a dry friction turns within the step h [s]."""
+    return at * om + aw * a if abs(aw) * h < TURNS else 0.0
+
+
+@apart
+def _oscillation(w, z, h, s):
+    """Write the transition of (p, p') over h [s] of p'' + 2 z w p' + w^2 p = 0 to s[0:4]; z is not 1."""
+    d, e = w * math.sqrt(abs(1.0 - z * z)), math.exp(-z * w * h)
+    co, k = (math.cos(d * h), math.sin(d * h)) if z < 1.0 else (math.cosh(d * h), math.sinh(d * h))
     s[0], s[1] = e * (co + z * w / d * k), e * k / d
     s[2], s[3] = -e * w * w / d * k, e * (co - z * w / d * k)
+
+
+@apart
+def _ratio(z):
+    """Return a damping ratio, never so near to 1 that the transition's formula has no digits left."""
+    return 0.999 if 0.999 < z < 1.001 else z
 
 
 @apart
@@ -105,7 +117,7 @@ def _servo(c, h, s):
     s[6], s[7], s[8] = h, math.exp(-h / c.walk_time), math.exp(-h / c.turbulence_time)
     w = c.frequency
     if c.servo == SECOND_ORDER_SERVO:
-        z = min(c.damping_ratio, 0.999)
+        z = _ratio(c.damping_ratio)
         _oscillation(w, z, h, s)
         s[4] = -(s[2] + 2.0 * z * w * (s[0] - 1.0)) / (w * w * h)
         s[5] = -(s[3] - 1.0 + 2.0 * z * w * s[1]) / (w * w * h)
@@ -123,7 +135,7 @@ def _steps(c, modes, h, s, o):
     """Write the servo's step of h [s] to s (9,), each mode's transition to o (modes, 4)."""
     _servo(c, h, s)
     for j in range(len(modes)):
-        _oscillation(modes[j].frequency, modes[j].damping_ratio, h, o[j])
+        _oscillation(modes[j].frequency, _ratio(modes[j].damping_ratio), h, o[j])
 
 
 @apart
@@ -191,11 +203,12 @@ def _move(x, u, s, o, row, modes, c, curved, F, wants):
         F[1, M], F[1, G] = (h + q * aw) * row.m, (h + q * aw) * row.g
         F[1, B], F[1, V] = h * ab * s[4] + c.inertia * s[2], h * ab * s[5] + c.inertia * (s[3] - 1.0)
         F[1, n] = h * ab * (1.0 - s[4]) - c.inertia * s[2]
-    x[TH] = th + h * om
-    x[OM] = om + h * a
+    rise = _rise(om, a, at, aw, h)
+    x[TH] = th + h * (om + 0.5 * h * a)
+    x[OM] = om + h * (a + 0.5 * h * rise)
     a2, at, aw, ab = _acceleration(x, later, row, b, c, curved)
     x[TH] = th + h * (om + h * (2.0 * a + a2) / 6.0 + 0.5 * kick)
-    x[OM] = om + 0.5 * h * (a + a2) + kick
+    x[OM] = om + 0.5 * h * (a + a2) + h * h / 12.0 * (rise - _rise(x[OM], a2, at, aw, h)) + kick
     x[M] *= s[7]
     x[G] *= s[8]
     x[B] = u + s[0] * off + s[1] * x[V]
@@ -405,7 +418,7 @@ def run(t, z, u, rows, modes, numbers, frozen, E, S, K, X, A, C):  # noqa: PLR09
     T, H, g, o = np.zeros((states, states)), np.zeros(states), np.zeros(states), np.zeros((len(modes), 4))
     curved = _is_curved(c, rows)
     _begin(P, c)
-    first, whole = True, t[1] - t[0]
+    first = True
     for k in range(n):
         if k == 0:
             x[B] = u[0, 0]
@@ -445,7 +458,7 @@ def run(t, z, u, rows, modes, numbers, frozen, E, S, K, X, A, C):  # noqa: PLR09
             for i in range(states):
                 for j in range(i):
                     P[i, j] = P[j, i] = 0.5 * (P[i, j] + P[j, i])
-        gap = t[k + 1] - t[k] > GAP * whole
+        gap = t[k + 1] - t[k] > c.longest_gap
         if gap or not (abs(x[TH]) < RAN_AWAY and abs(x[OM]) < RAN_AWAY):
             first = True
             x[OM] = 0.0
@@ -454,7 +467,9 @@ def run(t, z, u, rows, modes, numbers, frozen, E, S, K, X, A, C):  # noqa: PLR09
                 x[TH] = 0.0
                 x[M] = 0.0
             if not frozen:
+                slow = max(P[M, M], c.m_start) if gap else c.m_start
                 _begin(P, c)
+                P[M, M] = slow
 
 
 @kernel
