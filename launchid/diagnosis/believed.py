@@ -13,11 +13,12 @@ from sim.effects import Changes
 from sim.effects.actuator import PLAY, WASHOUT, slowed
 from sim.effects.environment import GUST_KIND, JUMP_KIND
 from sim.effects.plant import parameters
-from sim.flight import packed
+from sim.flight import modes_of, packed, tuned
 from sim.nominal import Nominal
 from sim.sections import Actuator
 from sim.vehicle.kernels import kernel
 
+from ..likelihood.kernel import MODE
 from ..weakform.rows import column
 from .track import Track
 
@@ -62,6 +63,23 @@ def believed(track: Track, servo: Actuator) -> Believed:
     return Believed(changes, _numbers(changes, servo), terms, a6, k1, z_alpha, z_beta, *_weather(nominal, changes))
 
 
+def modes(track: Track, changes: Changes) -> np.ndarray:
+    """Return the nominal's slosh and bending (n, m) as the filter's modes over each row: those of effects, then those
+    of sections, which may change with time."""
+    t = track.t[:-1] + 0.5 * np.diff(track.t) + track.record.shift
+    own = modes_of(track.nominal)
+    out = np.zeros((len(t), len(changes.modes)), MODE)
+    for j, (bends, stiffness, drag, gain, angle, rate, *_) in enumerate(changes.modes):
+        k, m = j - (len(changes.modes) - len(own)), out[:, j]
+        k2, c, size = tuned(own[k], t) if k >= 0 else (stiffness, drag, gain)
+        m["frequency"], m["damping_ratio"], m["bends"] = np.sqrt(k2), 0.5 * c / np.sqrt(k2), bends
+        if bends:
+            m["theta"], m["theta_dot"] = angle * size, rate * size
+        else:
+            m["force"] = size
+    return out
+
+
 def _numbers(c: Changes, servo: Actuator) -> dict[str, float]:
     w, lag = servo.frequency, 0.0
     for scale, share in c.bandwidths:
@@ -91,11 +109,11 @@ def _weather(nominal: Nominal, c: Changes) -> tuple[float, float, float, float]:
 
 
 def forcing(known: Believed, track: Track, terms: dict[str, float],
-            motion: np.ndarray, nozzle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the known forcing that depends on time or motion: moments of vehicle and of air (n,) [rad/s^2], and shift
     (n, 3) of the measurements.
 
-    terms   those that the filter does not have;  motion (n, 3) attitude, rate and nozzle;  nozzle (n sub,) at each step
+    terms   those that the filter does not have;  motion (n, 3) attitude, rate and nozzle
     """
     c, t = known.changes, track.t[:-1] + 0.5 * np.diff(track.t)
     force, shift = np.zeros(len(t)), np.zeros((len(t), 3))
@@ -109,13 +127,6 @@ def forcing(known: Believed, track: Track, terms: dict[str, float],
         else:
             force += amount * np.sin(first * t + second)
     theta, omega, beta = motion.T
-    for bends, stiffness, drag, gain, *_ in c.modes:
-        w = math.sqrt(stiffness)
-        if bends:
-            shift += gain * bending(nozzle, w, 0.5 * drag / w, track)
-        else:
-            psi = gain * mode(theta, w, 0.5 * drag / w, track.period, (-1.0, 0.0, 0.0))
-            force += np.append(0.5 * (psi[1:] + psi[:-1]), psi[-1])
     for term, coefficient in terms.items():
         force += coefficient * column(term, theta, omega, beta, t)
     if np.any(known.z_alpha != 0.0) or np.any(known.z_beta != 0.0):

@@ -11,7 +11,7 @@ from sim.nominal import Nominal
 
 from ..likelihood.command import nozzle_input, played
 from ..likelihood.kernel import FIRST_ORDER_SERVO, NUMBERS, SECOND_ORDER_SERVO
-from .believed import Believed, believed
+from .believed import Believed, believed, modes
 from .track import Track
 
 MODEL_FOLDS, FOLD_PASSES, SCORE_BLOCKS = 6, 3, 24   # of the score, times they go round, stretches for its error
@@ -153,6 +153,11 @@ class KnownLog:
     @property
     def given(self) -> dict[str, float]:
         return self.known.numbers
+
+    @cached_property
+    def modes(self) -> np.ndarray:
+        """The nominal's slosh and bending (n, m) over each row."""
+        return modes(self.track, self.known.changes)
 
     @property
     def law(self) -> Any:

@@ -165,7 +165,7 @@ class Model:
             u = u if sent is None else u + sent
             z = z if moved is None else z - moved
         rows["force"], rows["beta"] = f, beta
-        return Parameters(log.t, np.ascontiguousarray(z), u, rows, c)
+        return Parameters(log.t, np.ascontiguousarray(z), u, rows, c, log.modes)
 
     def _noise_to(self, c: np.ndarray) -> None:
         """Write the noise levels, and what is known before the first row, to NUMBERS c (1,)."""
@@ -192,4 +192,4 @@ def _path(log: KnownLog, motion: np.ndarray, nozzle: np.ndarray, nozzle_rate: np
           sent: np.ndarray) -> Path:
     """Return the path with what the nominal's own effects do along it."""
     rest = {name: value for name, value in log.terms.items() if name not in CURVES and name not in LINEAR_TERMS}
-    return Path(motion, nozzle, nozzle_rate, sent, *forcing(log.known, log.track, rest, motion, nozzle))
+    return Path(motion, nozzle, nozzle_rate, sent, *forcing(log.known, log.track, rest, motion))

@@ -182,7 +182,7 @@ def parameters(model: Model, c: Channels, t: np.ndarray, z: np.ndarray) -> Param
     if model.source != BY_MEASUREMENT:
         edges = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(sub) / sub).ravel(), t[-1])
         u = held_mean(c, edges - numbers["delay"]).reshape(u.shape)
-    return Parameters(t, z, u, rows, n)
+    return Parameters(t, z, u, rows, n, likelihood.no_modes(len(z)))
 
 
 def run(model: Model, c: Channels) -> Pass:

@@ -19,7 +19,7 @@ Differential Equations I, 1993, II.13), its covariance of second.  Anderson and 
 (EKF) and 6.2 (one scalar measurement at a time); Jazwinski 1970, th. 7.2 (prediction).
 
 What a run reads of its model are four arrays: the commands, and three of a structured type, which a kernel sees as
-records: NUMBERS (one), ROW (one a row), MODE (one a mode).
+records: NUMBERS (one), ROW (one a row), MODE (one a row and mode).
 """
 
 import math
@@ -52,8 +52,9 @@ NUMBERS = np.dtype([(name, np.float64) for name in (
     "theta_start", "omega_start", "m_start", "g_start", "b_start", "v_start", "longest_gap")])
 # of a row: f [rad/s^2], c1, c2, k, am, ag, and the coefficients of sin(theta), cos(theta) [rad/s^2]
 ROW = np.dtype([(name, np.float64) for name in ("force", "theta", "theta_dot", "beta", "m", "g", "sine", "cosine")])
-# w [rad/s], zeta; slosh: its effect on the vehicle [1/s^2]; bending: that on attitude and gyro, of p and of p'
-MODE = np.dtype([(name, np.float64) for name in ("frequency", "damping_ratio", "force", "theta", "theta_dot")])
+# of a mode over a row: w [rad/s], zeta, 1 of bending and 0 of slosh; slosh: its effect on the vehicle [1/s^2]; bending:
+# that of p on the attitude sensor and of p' on the gyro
+MODE = np.dtype([(name, np.float64) for name in ("frequency", "damping_ratio", "bends", "force", "theta", "theta_dot")])
 
 
 @apart
@@ -132,10 +133,16 @@ def _servo(c, h, s):
 
 @apart
 def _steps(c, modes, h, s, o):
-    """Write the servo's step of h [s] to s (9,), each mode's transition to o (modes, 4)."""
-    _servo(c, h, s)
+    """Write the servo's step of h [s] to s (9,), and each mode's transition, frequency and damping ratio to o (modes,
+    6), where they are not there."""
+    if abs(h - s[6]) > 1e-9 * h:
+        _servo(c, h, s)
+        o[:] = 0.0
     for j in range(len(modes)):
-        _oscillation(modes[j].frequency, _ratio(modes[j].damping_ratio), h, o[j])
+        w, z = modes[j].frequency, _ratio(modes[j].damping_ratio)
+        if w != o[j, 4] or z != o[j, 5]:
+            _oscillation(w, z, h, o[j])
+            o[j, 4], o[j, 5] = w, z
 
 
 @apart
@@ -155,7 +162,7 @@ def _move_modes(x, b, a, at, aw, ab, s, o, row, modes, F, wants):
     n, h = len(x), s[6]
     for j in range(len(modes)):
         i, k, w2 = CORE + 2 * j, CORE + 2 * j + 1, modes[j].frequency * modes[j].frequency
-        bends = modes[j].force == 0.0
+        bends = modes[j].bends != 0.0
         to = b if bends else -a / w2
         d, rate = x[i] - to, x[k]
         x[i], x[k] = to + o[j, 0] * d + o[j, 1] * rate, o[j, 2] * d + o[j, 3] * rate
@@ -341,8 +348,7 @@ def _over_row(h, u, row, modes, c, curved, wants, x, P, T, F, s, o, g, A):
     """Propagate x, and P if `wants`, over one row in steps of h [s] with commands u (steps,); A (3,) out: slopes of
     omega' in theta, omega and b at its beginning; T, F scratch; s, o, g kept from row to row."""
     sub = len(u)
-    if abs(h - s[6]) > 1e-9 * h:
-        _steps(c, modes, h, s, o)
+    _steps(c, modes, h, s, o)
     qa, qg = c.acceleration_noise * c.acceleration_noise, c.turbulence_noise * c.turbulence_noise * (1.0 - s[8] * s[8])
     qm = c.walk_noise * c.walk_noise * (h if math.isinf(c.walk_time) else 1.0 - s[7] * s[7])
     is_free = c.servo == FREE_NOZZLE
@@ -409,13 +415,13 @@ def run(t, z, u, rows, modes, numbers, frozen, E, S, K, X, A, C):  # noqa: PLR09
     """Filter a log; or, `frozen`, follow it with the gains K of another run.
 
     t (n + 1,) times [s], z (n, 3) theta, theta_dot, beta, NaN where not measured; u (n, steps) commands, each the mean
-    over its step; rows (n,) ROW, over each row; modes (m,) MODE; numbers (1,) NUMBERS
+    over its step; rows (n,) ROW and modes (n, m) MODE, over each row; numbers (1,) NUMBERS
     E (n, 3) innovations, S (n, 3) their variances, NaN where none; K (n, 3, states) gains; X (n, states) filtered
     states; A (n, 3) slopes of omega' in theta, omega, b; C (n, states, states) covariances of X, or none: out
     """
-    c, n, states = numbers[0], len(z), CORE + 2 * len(modes)
+    c, n, states = numbers[0], len(z), CORE + 2 * modes.shape[1]
     x, P, F, s = np.zeros(states), np.zeros((states, states)), np.zeros((states, states + 1)), np.zeros(9)
-    T, H, g, o = np.zeros((states, states)), np.zeros(states), np.zeros(states), np.zeros((len(modes), 4))
+    T, H, g, o = np.zeros((states, states)), np.zeros(states), np.zeros(states), np.zeros((modes.shape[1], 6))
     curved = _is_curved(c, rows)
     _begin(P, c)
     first = True
@@ -434,7 +440,7 @@ def run(t, z, u, rows, modes, numbers, frozen, E, S, K, X, A, C):  # noqa: PLR09
                 S[k, ch] = np.nan
             if math.isnan(z[k, ch]):
                 continue
-            e = _innovation(ch, z[k, ch], x, rows[max(k - 1, 0)].force, rows[k], modes, b, c, curved,
+            e = _innovation(ch, z[k, ch], x, rows[max(k - 1, 0)].force, rows[k], modes[k], b, c, curved,
                             not frozen, H)
             E[k, ch] = e
             if frozen:
@@ -452,7 +458,7 @@ def run(t, z, u, rows, modes, numbers, frozen, E, S, K, X, A, C):  # noqa: PLR09
                 C[k] = P
         if k == n - 1:
             break
-        _over_row((t[k + 1] - t[k]) / u.shape[1], u[k], rows[k], modes, c, curved, not frozen, x, P, T, F, s, o, g,
+        _over_row((t[k + 1] - t[k]) / u.shape[1], u[k], rows[k], modes[k], c, curved, not frozen, x, P, T, F, s, o, g,
                   A[k])
         if not frozen:   # rounding makes no difference of P and its transpose, which an unstable vehicle would let grow
             for i in range(states):
@@ -489,11 +495,11 @@ def nozzle_path(X, u, numbers, h):
 
 
 @kernel
-def respond(t, z, rows, modes, numbers, sub, K, A, force, command, shift, E):  # noqa: PLR0912 - as `run`
+def respond(t, z, rows, modes, numbers, sub, K, A, force, command, shift, E):
     """Write the change of the innovations by a small forcing to E (n, 3): force (n,) [rad/s^2] and command (n,)
     [rad] over each row, shift (n, 3) of the measurements.  Linear, about the path of the run with gains K, slopes A."""
-    c, n, states = numbers[0], len(z), CORE + 2 * len(modes)
-    x, s, o = np.zeros(states), np.zeros(9), np.zeros((len(modes), 4))
+    c, n, states = numbers[0], len(z), CORE + 2 * modes.shape[1]
+    x, s, o = np.zeros(states), np.zeros(9), np.zeros((modes.shape[1], 6))
     for k in range(n):
         for ch in range(3):
             E[k, ch] = 0.0
@@ -505,27 +511,26 @@ def respond(t, z, rows, modes, numbers, sub, K, A, force, command, shift, E):  #
                 e = shift[k, 1] - c.gyro_scale * x[OM]
             else:
                 e = shift[k, 2] - x[B]
-            for j in range(len(modes)):
-                e -= modes[j].theta * x[CORE + 2 * j] if ch == 0 else \
-                    modes[j].theta_dot * x[CORE + 2 * j + 1] if ch == 1 else 0.0
+            for j in range(modes.shape[1]):
+                e -= modes[k, j].theta * x[CORE + 2 * j] if ch == 0 else \
+                    modes[k, j].theta_dot * x[CORE + 2 * j + 1] if ch == 1 else 0.0
             E[k, ch] = e
             for i in range(states):
                 x[i] += K[k, ch, i] * e
         if k == n - 1:
             break
         h = (t[k + 1] - t[k]) / sub
-        if abs(h - s[6]) > 1e-9 * h:
-            _steps(c, modes, h, s, o)
+        _steps(c, modes[k], h, s, o)
         at, aw, row = A[k, 0], A[k, 1], rows[k]
         for _ in range(sub):
             off = x[B] - command[k]
             b = command[k] + s[4] * off + s[5] * x[V]
             a = force[k] + at * x[TH] + aw * x[OM] + row.beta * b + row.m * x[M] + row.g * x[G]
-            for j in range(len(modes)):
-                a += modes[j].force * x[CORE + 2 * j]
-            for j in range(len(modes)):
+            for j in range(modes.shape[1]):
+                a += modes[k, j].force * x[CORE + 2 * j]
+            for j in range(modes.shape[1]):
                 i = CORE + 2 * j
-                to = b if modes[j].force == 0.0 else -a / (modes[j].frequency * modes[j].frequency)
+                to = b if modes[k, j].bends != 0.0 else -a / (modes[k, j].frequency * modes[k, j].frequency)
                 d, rate = x[i] - to, x[i + 1]
                 x[i], x[i + 1] = to + o[j, 0] * d + o[j, 1] * rate, o[j, 2] * d + o[j, 3] * rate
             x[TH] += h * (x[OM] + 0.5 * h * a)
@@ -541,10 +546,10 @@ def ahead(t, z, u, rows, modes, numbers, X, C, starts, spans, out, variances):
     """Write errors of open-loop predictions to out (starts, spans, 3): measured less predicted, from states X at rows
     `starts`, `spans` (increasing) rows ahead; NaN where not measured or beyond the log.  variances: of the errors, if
     covariances C of X are given."""
-    c, n, wants, states = numbers[0], len(z), len(C) > 0, CORE + 2 * len(modes)
+    c, n, wants, states = numbers[0], len(z), len(C) > 0, CORE + 2 * modes.shape[1]
     x, F, s, g = np.zeros(states), np.zeros((states, states + 1)), np.zeros(9), np.zeros(states)
     P, T, A = np.zeros((states, states)), np.zeros((states, states)), np.zeros(3)
-    H, o = np.zeros(states), np.zeros((len(modes), 4))
+    H, o = np.zeros(states), np.zeros((modes.shape[1], 6))
     curved = _is_curved(c, rows)
     out[:] = np.nan
     variances[:] = np.nan
@@ -558,13 +563,13 @@ def ahead(t, z, u, rows, modes, numbers, X, C, starts, spans, out, variances):
             if end >= n:
                 break
             while k < end:
-                _over_row((t[k + 1] - t[k]) / u.shape[1], u[k], rows[k], modes, c, curved, wants, x, P, T, F, s, o, g,
-                          A)
+                _over_row((t[k + 1] - t[k]) / u.shape[1], u[k], rows[k], modes[k], c, curved, wants, x, P, T, F, s, o,
+                          g, A)
                 k += 1
             if abs(x[TH]) < RAN_AWAY and abs(x[OM]) < RAN_AWAY:
                 for ch in range(3):
-                    out[i, q, ch] = _innovation(ch, z[end, ch], x, rows[k - 1].force, rows[k], modes, x[B], c, curved,
-                                                False, H)
+                    out[i, q, ch] = _innovation(ch, z[end, ch], x, rows[k - 1].force, rows[k], modes[k], x[B], c,
+                                                curved, False, H)
                 if wants:
                     variances[i, q, 0] = P[TH, TH] + c.theta_noise * c.theta_noise
                     variances[i, q, 1] = c.gyro_scale * c.gyro_scale * P[OM, OM] + c.theta_dot_noise * c.theta_dot_noise

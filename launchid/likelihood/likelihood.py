@@ -12,7 +12,6 @@ import numpy as np
 from . import kernel
 
 LEVELS = ("theta", "theta_dot", "beta", "acceleration", "command", "walk", "turbulence")   # the order of noise levels
-NO_MODES = np.zeros(0, kernel.MODE)
 
 
 class Parameters(NamedTuple):
@@ -23,7 +22,7 @@ class Parameters(NamedTuple):
     u        (n, steps) [rad] commands over the equal steps between two rows, each the mean over its step
     rows     (n,) of kernel.ROW: coefficients of the acceleration over each row
     numbers  (1,) of kernel.NUMBERS: sensors, curves, servo, air, noise, what is known before the first row
-    modes    (m,) of kernel.MODE: slosh and bending
+    modes    (n, m) of kernel.MODE: slosh and bending over each row, m of them at all rows
     """
 
     t: np.ndarray
@@ -31,7 +30,7 @@ class Parameters(NamedTuple):
     u: np.ndarray
     rows: np.ndarray
     numbers: np.ndarray
-    modes: np.ndarray = NO_MODES
+    modes: np.ndarray
 
 
 class Run(NamedTuple):
@@ -51,9 +50,14 @@ class Run(NamedTuple):
     C: np.ndarray
 
 
+def no_modes(rows: int) -> np.ndarray:
+    """Return `Parameters.modes` of a rigid vehicle."""
+    return np.zeros((rows, 0), kernel.MODE)
+
+
 def run(parameters: Parameters, covariances: bool = False) -> Run:
     """Filter a log with these parameters; covariances: also return those of the states."""
-    n, states = len(parameters.z), kernel.CORE + 2 * len(parameters.modes)
+    n, states = len(parameters.z), kernel.CORE + 2 * parameters.modes.shape[1]
     E, S = np.empty((n, 3)), np.empty((n, 3))
     K, X, A = np.zeros((n, 3, states)), np.empty((n, states)), np.zeros((n, 3))
     C = np.empty((n if covariances else 0, states, states))

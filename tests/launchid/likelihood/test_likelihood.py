@@ -54,12 +54,12 @@ def numbers(**given: float) -> np.ndarray:
 
 def parameters(z: np.ndarray, u: np.ndarray, modes: bool = True, **given: float) -> Parameters:
     """The truth's own parameters, four steps a row."""
-    rows, m = np.zeros(len(z), kernel.ROW), np.zeros(2, kernel.MODE)
+    rows, m = np.zeros(len(z), kernel.ROW), np.zeros((len(z), 2), kernel.MODE)
     rows["theta"], rows["beta"] = A6, K1
-    m[0] = (*SLOSH[:2], SLOSH[2] * SLOSH[0]**2, 0.0, 0.0)
-    m[1] = (*BENDING[:2], 0.0, BENDING[2], BENDING[2])
+    m[:, 0] = (*SLOSH[:2], 0.0, SLOSH[2] * SLOSH[0]**2, 0.0, 0.0)
+    m[:, 1] = (*BENDING[:2], 1.0, 0.0, BENDING[2], BENDING[2])
     return Parameters(PERIOD * np.arange(len(z) + 1), z, np.repeat(u[:, None], 4, axis=1), rows, numbers(**given),
-                      m if modes else m[:0])
+                      m if modes else m[:, :0].copy())
 
 
 def whitened(made: Run) -> np.ndarray:
