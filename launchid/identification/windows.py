@@ -17,6 +17,7 @@ from sim.sections import SERVO, Offsets
 
 from .. import progress
 from ..judge.nominal import FITS, NominalTest, lines, tested
+from ..judge.scale import between_scales
 from ..log.check import CheckedLog
 from ..log.log import Log
 from ..log.rates import HELD_WORD
@@ -79,11 +80,13 @@ def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional
     """
     if seen.rates["beta"].kind == HELD_WORD and config.formulation == "integral":
         config = replace(config, beta_held=True)
-    estimates, estimator = run(config, seen.log.rows())
+    estimates, estimator = run(config, seen.estimated.rows())
     is_filtered = config.formulation == "filtered"
     judged = judged_windows(seen, config, withdrawn(estimates) if is_filtered else estimates, is_weak, optional)
     if seen.foreign or (not is_filtered and seen.doubtful):
         judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])
+    if seen.sensed is not None and seen.sensed.nozzle_scale != 1.0:
+        judged = replace(judged, estimates=[between_scales(e, seen.sensed.nozzle_scale) for e in judged.estimates])
     told = tested(seen, seen.nominal, judged.estimates) if is_filtered else FITS
     if told.is_other:
         judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])

@@ -19,6 +19,7 @@ from .detect import VALUES, DataCheck, check, related
 from .fault import Fault
 from .log import Log
 from .rates import Rate
+from .sensors import Sensed, sensed
 from .slope import foreign_scale, is_other_motion
 from .stamps import even_grid
 from .turns import unwrapped
@@ -29,6 +30,11 @@ DOUBTFUL = ("scale",)  # of a whole column: which of two is right only a nominal
 CLOCK_FAULTS = ("unit", "order")   # of t: there is no period, and nothing can be computed
 FEWEST_IDEAL = 20       # rows
 NOISE_FREE = 1e-3       # of the rms increment from row to row: no sensor is as good, the simulator's step is
+OTHER_UNIT = 2.6        # either way, of theta_dot over the slope of theta: scales of sensors are 0.4 to 2.5
+SMALL_UNITS = (("milliradians", 1e3), ("degrees", 180.0 / math.pi), ("centidegrees", 18e3 / math.pi),
+               ("millidegrees", 180e3 / math.pi), ("microradians", 1e6))
+SAME_NAME = 0.05        # relative, of a factor that is a unit's
+REPEATED = ("theta", "theta_dot", "beta")  # that a row written twice repeats
 BRIDGED = 2             # rows in a row without theta or beta that are missing measurements; more are a gap
 
 
@@ -39,6 +45,7 @@ class CheckedLog:
     log     to be used: NaN where the check found a bad value, rounded stamps on their grid, whole turns put back
     raw     as it was read;  faults  that were found;  mended  what was put right
     data    the check's masks, and the rates at which columns were sampled;  nominal  that it was checked with, or None
+    sensed  the log without what its sensors add, which estimates are made of; None: not asked
     """
 
     log: Log
@@ -47,6 +54,12 @@ class CheckedLog:
     mended: tuple[Fault, ...]
     data: DataCheck
     nominal: Nominal | None = None
+    sensed: Sensed | None = None
+
+    @property
+    def estimated(self) -> Log:
+        """The log that estimates are made of: without what its sensors add, if that was asked."""
+        return self.log if self.sensed is None else self.sensed.log
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -86,7 +99,9 @@ class CheckedLog:
     @property
     def warnings(self) -> tuple[str, ...]:
         """All lines that a user should read: the faults, what was mended, and whether the log has no sensor noise."""
-        return (*self.line, *self.notes, *ideal_note(self.log))
+        sensors = self.sensed.faults if self.sensed is not None else ()
+        return (*self.line, *self.notes, *(f"{self.raw.path}: {fault.message}" for fault in sensors),
+                *ideal_note(self.log))
 
 
 def checked(log: Log, nominal: Nominal | None = None, *, strict: bool = False,
@@ -98,10 +113,17 @@ def checked(log: Log, nominal: Nominal | None = None, *, strict: bool = False,
     `refuse_columns` and a column holds another quantity than its name says.
     """
     made = replace(examined(log, nominal or _unknown(log.period)), nominal=nominal)
+    if not made.foreign and not clock_faults(made.data):
+        found = sensed(made.log, made.data, nominal)
+        own = {(fault.kind, fault.channel) for fault in found.faults}
+        made = replace(made, sensed=found, faults=tuple(
+            fault for fault in made.faults if (fault.kind, fault.channel) not in own))
     for fault in clock_faults(made.data):
         raise InputError(f"{log.path}: column t: {fault.message.removeprefix('t ')}")
     if made.line and (strict or (refuse_columns and made.foreign)):
         raise InputError(made.line[0])
+    if strict and made.sensed is not None and made.sensed.faults:
+        raise InputError(f"{log.path}: {made.sensed.faults[0].message}")
     return made
 
 
@@ -148,7 +170,7 @@ def _on_grid(log: Log) -> tuple[Log, list[Fault]]:
     """Return (the log with stamps that were rounded to a tick put on their even grid, a Fault that says so or none)."""
     log.check_clock()
     rows = np.flatnonzero(np.isfinite(log.t))
-    made = even_grid(log.t[rows]) if len(rows) else None
+    made = even_grid(log.t[rows], _is_twice(log, rows)) if len(rows) else None
     if made is None:
         return log, []
     grid, period, tick = made
@@ -157,6 +179,14 @@ def _on_grid(log: Log) -> tuple[Log, list[Fault]]:
     return replace(log, t=t), [Fault("stamps", "t", float(grid[0]), float(grid[-1]), 0,
                                      f"stamps are rounded to {tick:.4g} s; rows are {period:.5g} s apart: put on that "
                                      "grid")]
+
+
+def _is_twice(log: Log, rows: np.ndarray) -> bool:
+    """Whether most of these rows (k,) that have the stamp of the row before have its values too."""
+    again = rows[1:][np.diff(log.t[rows]) == 0.0]
+    columns = [getattr(log, name) for name in REPEATED if name in log.columns]
+    same = np.logical_and.reduce([(x[again] == x[again - 1]) | ~np.isfinite(x[again]) for x in columns])
+    return len(again) > 0 and bool(np.mean(same) > 0.5)
 
 
 def _measured(log: Log, name: str, data: DataCheck, rejected: np.ndarray) -> np.ndarray:
@@ -190,9 +220,21 @@ def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
     scale = foreign_scale(columns, period, known) if columns else None
     if scale is None:
         return []
+    if not 1.0 / OTHER_UNIT < scale[0] < OTHER_UNIT:
+        return [_other_unit(t, *scale)]
     return [Fault("scale", "theta_dot", float(t[0]), float(t[-1]), len(t),
                   f"theta_dot is {scale[0]:.3g} times the slope of theta (+- {scale[1]:.1g}): a6 and k1 may be off by "
                   "as much, which their standard deviations do not know; correct the scale of either")]
+
+
+def _other_unit(t: np.ndarray, scale: float, std: float) -> Fault:
+    """Return the Fault of theta_dot, or of theta, in another unit: theta_dot is `scale` times the slope of theta."""
+    column, factor = ("theta_dot", scale) if scale > 1.0 else ("theta", 1.0 / scale)
+    unit = next((f"looks like {name}{'/s' if column == 'theta_dot' else ''}; divide it by {size:.6g}"
+                 for name, size in SMALL_UNITS if abs(factor / size - 1.0) < SAME_NAME),
+                f"is in another unit; divide it by {factor:.4g}")
+    return Fault("unit", column, float(t[0]), float(t[-1]), len(t),
+                 f"theta_dot is {scale:.3g} times the slope of theta (+- {std:.1g}): {column} {unit}")
 
 
 def foreign(noted: tuple[Fault, ...]) -> str:

@@ -144,7 +144,7 @@ def control_fit(columns: Columns, angle: str, reference: str, period: float, nom
     return best
 
 
-def _filtered(x: np.ndarray, response: np.ndarray) -> np.ndarray:
+def filtered(x: np.ndarray, response: np.ndarray) -> np.ndarray:
     """Return x (n,) through an impulse response (m,), as if x had its first value ever before."""
     m = len(response)
     padded = np.concatenate((np.full(m - 1, x[0]), x))
@@ -175,7 +175,7 @@ def actuated(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarray
     shape = after * np.exp(-slow * after) if root == 0.0 else (np.exp(-slow * after) - np.exp(-fast * after)) / root
     response = shape.real.reshape(count, ROW_PARTS).sum(axis=1)
     total = response.sum()
-    return _filtered(command, response / total) if total > 0.0 else command
+    return filtered(command, response / total) if total > 0.0 else command
 
 
 def _controlled(angle: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
@@ -188,7 +188,7 @@ def _controlled(angle: np.ndarray, period: float, nominal: Nominal) -> np.ndarra
         derivative = change / period
     else:
         count = min(len(angle), math.ceil(-math.log(CUT_OFF) * (tau + period) / period) + 1)
-        derivative = _filtered(change, (tau / (tau + period)) ** np.arange(count)) / (tau + period)
+        derivative = filtered(change, (tau / (tau + period)) ** np.arange(count)) / (tau + period)
     return np.asarray(controller.kp * angle + controller.kd * derivative)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from sim.sections import Nominal
 
 from .fault import Fault
+from .runs import runs_of
 from .slope import LONG_UNITS, TIME_SCALES
 
 LOST_STAMP = 1.75          # local periods: a longer step has lost a stamp (one lost: 2)
@@ -27,6 +28,11 @@ STAMP_RESOLUTION = 0.01    # of a period: a resolution finer than that changes n
 LINE_TOLERANCE = 1.1       # resolutions about the line through the rows: the line itself is fitted
 FEWEST_TICKS = 20          # stamps: fewer lie near a line by chance
 LOCAL = 200                # rows over which the period is taken where rows are lost
+COARSE_TICK = 0.25         # of a row's distance: of stamps that are finer the stamp says when the row was measured
+OWN_TICK = 0.1             # of a row's distance: rows a tick apart have the stamps that they should
+NEARLY_ALL = 0.99          # of the stamps
+NEIGHBOURS = 15            # rows, whose mean stamp is free of their ticks
+LOST_SLACK = 0.25          # periods that such a mean may be off
 FOLLOWED = 0.05            # of its distance from a stamp, by which the grid follows where rows are lost
 
 
@@ -61,10 +67,13 @@ def tick_of(t: np.ndarray) -> float:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def even_grid(t: np.ndarray) -> tuple[np.ndarray, float, float] | None:
+def even_grid(t: np.ndarray, is_twice: bool = True) -> tuple[np.ndarray, float, float] | None:
     """Return (even times (n,), their period, the tick) [s] of stamps t (n,) [s] that were rounded to a tick.
 
-    The times are on a line fitted to stamp over row number (lost rows counted), all stamps within one tick of it. None
+    is_twice  rows with the stamp of the row before, if less than COARSE of all, were written twice
+
+    The times are on a line fitted to stamp over row number (lost rows counted), all stamps within one tick of it, or
+    nearly all within a tick and half a row, where ticks are as coarse as rows and rows were stamped early or late. None
     where the stamps are even as they are, jitter, or belong to rows written twice.
     """
     steps = np.diff(t)
@@ -73,15 +82,41 @@ def even_grid(t: np.ndarray) -> tuple[np.ndarray, float, float] | None:
     if not np.any(steps > 0.0):
         return None
     tick, mean, usual = tick_of(t), float(np.mean(steps)), float(np.median(steps[steps > 0.0]))
-    if not STAMP_RESOLUTION * mean < tick <= GAP_JITTERED * usual or (np.any(steps == 0.0)
-                                                                      and np.mean(steps == 0.0) < COARSE):
+    again = float(np.mean(steps == 0.0))
+    if not STAMP_RESOLUTION * mean < tick <= GAP_JITTERED * usual:
+        return None
+    if 0.0 < again < COARSE and (is_twice or abs(tick - mean) < OWN_TICK * mean):
         return None
     for row in (np.arange(len(t)), _rows_with_lost(t, usual)):
         slope, start = np.polyfit(row, t - t[0], 1)
         grid = t[0] + start + slope * row
         if np.ptp(t - grid) <= LINE_TOLERANCE * tick and slope > 0.0:
             return (grid, float(slope), tick) if np.max(np.abs(t - grid)) > STAMP_RESOLUTION * slope else None
-    return None
+    if tick < COARSE_TICK * mean:
+        return None
+    row = _rows_by_means(t)
+    slope, start = np.polyfit(row, t - t[0], 1)
+    grid = t[0] + start + slope * row
+    near = float(np.quantile(np.abs(t - grid), NEARLY_ALL)) <= tick + 0.5 * slope
+    return (grid, float(slope), tick) if near and slope > 0.0 and abs(tick - slope) > OWN_TICK * slope else None
+
+
+def _rows_by_means(t: np.ndarray) -> np.ndarray:
+    """Return row numbers (n,) of stamps t (n,) that are rounded and early or late: rows are lost where the stamps
+    after a step are later than those before by whole periods, in the mean of NEIGHBOURS."""
+    reach = min(LOCAL, len(t) // 2)
+    period = float(np.median((t[reach:] - t[:-reach]) / reach))
+    rows = np.arange(len(t))
+    if not period > 0.0 or len(t) <= 2 * NEIGHBOURS:
+        return rows
+    off = t - period * rows
+    means = np.lib.stride_tricks.sliding_window_view(off, NEIGHBOURS).mean(axis=1)
+    lost = np.zeros(len(t), dtype=np.int64)   # before each row
+    jumps = np.rint((means[NEIGHBOURS:] - means[:-NEIGHBOURS]) / period - LOST_SLACK)
+    for begin, end in runs_of(jumps >= 1.0):
+        at = begin + NEIGHBOURS + int(np.argmax(np.diff(off)[begin + NEIGHBOURS - 1:end + NEIGHBOURS - 1]))
+        lost[at] = int(min(np.max(jumps[begin:end]), MOST_LOST))
+    return np.asarray(rows + np.cumsum(lost))
 
 
 def _rows_with_lost(t: np.ndarray, usual: float) -> np.ndarray:

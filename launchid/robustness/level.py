@@ -63,7 +63,7 @@ def follow(seen: CheckedLog, nominal: Nominal, window: float) -> list[Estimate]:
     require_cover(log, nominal, nominal.uncertainty, "uncertainty")
     config = Config(window=window, sample_period=log.period, formulation="filtered", model=model,
                     max_gap=seen.bridged or None)
-    estimates, _ = run(config, log.rows())
+    estimates, _ = run(config, seen.estimated.rows())
     is_other = bool(seen.foreign) or tested(seen, nominal, estimates).is_other
     return [_unknown(estimate) for estimate in estimates] if is_other else estimates
 

@@ -52,8 +52,9 @@ class LastRows:
             seen = checked(log_of(rows_of(*self._logs).measured() if self._logs else dict.fromkeys(REQUIRED, ()),
                                   self._path), nominal)
             self.foreign = seen.foreign or self._was_foreign
-            words = "; ".join(fault.message for fault in seen.faults if (fault.kind, fault.channel) not in self._said)
-            self._said |= {(fault.kind, fault.channel) for fault in seen.faults}
+            found = (*seen.faults, *(seen.sensed.faults if seen.sensed is not None else ()))
+            words = "; ".join(fault.message for fault in found if (fault.kind, fault.channel) not in self._said)
+            self._said |= {(fault.kind, fault.channel) for fault in found}
         except InputError as error:
             words = self.foreign = str(error)
         if self.count >= MOST_CHECKED:

@@ -140,7 +140,7 @@ def usable(seen: CheckedLog, *, is_steadied: bool = True) -> Rows | None:
     is_steadied   take fast motion of theta from theta_dot, with less noise than its sensor's; else theta as measured
     One or two missing cells in a row are bridged by lines; a rate that is not measured is the slope of theta.
     """
-    log = seen.log
+    log = seen.estimated
     times = log.in_range("t")
     if np.count_nonzero(times) < MIN_ROWS_A_STRETCH:
         return None

@@ -10,7 +10,7 @@ import pytest
 from shortened import short
 
 import launchid
-from launchid.log.check import COLUMN_FAULTS, faults
+from launchid.log.check import COLUMN_FAULTS, checked, faults
 from launchid.log.log import Log, flown_log, log_of, write_columns
 from sim.effects import from_text
 from sim.errors import InputError
@@ -189,12 +189,15 @@ UNSCALED = [("vega_like", effect, None) for effect in (
 
 
 @pytest.mark.parametrize(("name", "effect", "scale"), [*SCALED, *UNSCALED])
-def test_a_gyro_whose_scale_is_not_the_attitude_s_is_told(name, effect, scale):
+def test_a_gyro_whose_scale_is_not_the_attitude_s_is_told_and_corrected(name, effect, scale):
     log = flown_log(fly_whole(short(DURATION, name), 3, effects=[from_text(effect)] if effect else []))
-    said = [fault.message for fault in faults(log, None)]
-    assert len(said) == (scale is not None)
+    said = [fault.message for fault in checked(log).sensed.faults if fault.kind == "scale"]
+    assert len(said) == (scale is not None) and not faults(log, None)
     if scale is not None:
         assert float(said[0].partition("theta_dot is ")[2].partition(" ")[0]) == pytest.approx(scale, abs=0.006)
     if scale == 1.05:
         with pytest.warns(launchid.DataWarning, match="times the slope of theta"):
-            assert not any(w["valid"] for w in launchid.identify(log).report["windows"])
+            windows = [w for w in launchid.identify(log, window=10.0).report["windows"] if w["valid"]]
+        assert windows and all(abs(w["k1"] + 7.0) < 4.0 * w["k1_std"] for w in windows)
+        with pytest.raises(InputError, match="times the slope of theta"):
+            checked(log, strict=True)
