@@ -21,6 +21,7 @@ from ..judge.scale import between_scales
 from ..log.check import CheckedLog
 from ..log.log import Log
 from ..log.rates import HELD_WORD
+from ..log.steps import with_steps
 from ..onboard import MODELLED, onboard_model
 from ..shown import servo_lines, slow_hint, with_std
 from ..weakform.judge import LIBRARY, Lack
@@ -83,7 +84,8 @@ def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional
     estimates, estimator = run(config, seen.estimated.rows())
     is_filtered = config.formulation == "filtered"
     judged = judged_windows(seen, config, withdrawn(estimates) if is_filtered else estimates, is_weak, optional)
-    if seen.foreign or (not is_filtered and seen.doubtful):
+    coarse = seen.sensed.coarse if is_filtered and seen.sensed is not None else ""
+    if seen.foreign or coarse or (not is_filtered and seen.doubtful):
         judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])
     if seen.sensed is not None and seen.sensed.nozzle_scale != 1.0:
         judged = replace(judged, estimates=[between_scales(e, seen.sensed.nozzle_scale) for e in judged.estimates])
@@ -162,7 +164,9 @@ def log_config(log: Log, nominal: Nominal | None, window: float | str, formulati
     formulation = chosen_formulation(log, nominal, formulation, tracked)
     if nominal is not None and formulation != "filtered" and choices.get("library") == "rigid-body":
         choices["library"] = stand_library(nominal)
-    model = onboard_model(nominal, log.period, log.path) if formulation == "filtered" and nominal is not None else None
+    model = None
+    if formulation == "filtered" and nominal is not None:
+        model = onboard_model(with_steps(nominal, log), log.period, log.path)
     if window == "all":
         t = log.t[log.in_range("t") & log.in_range("theta") & log.in_range("beta")]
         t = t if len(t) else log.t[np.isfinite(log.t)]
@@ -308,6 +312,8 @@ def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
         said["why"] += f"; {reason}"
     if result.log.foreign:
         said["next"] = f"correct the log first: {result.log.foreign}"
+    elif result.config.formulation == "filtered" and result.log.sensed is not None and result.log.sensed.coarse:
+        said["next"] = result.log.sensed.coarse
     elif result.warnings:
         said["warnings"] = list(result.warnings)
         if result.told.is_other:

@@ -16,6 +16,7 @@ from .fault import Fault
 from .gyro import Gyro, gyro_of, is_delayed, without_lag
 from .log import Log
 from .nozzle import nozzle_gain
+from .steps import systematic_step
 
 SCALE_SIGMAS = 4.0     # standard deviations of a scale that is there
 LEAST_SCALE = 0.003    # relative: less moves a6 and k1 by less than their deviations
@@ -32,12 +33,14 @@ class Sensed:
     """A log without what its sensors add, what that was, and the nozzle's scale.
 
     log  to be estimated from;  faults  of the sensors, that it is free of;  nozzle_scale  of beta over what the
-    nominal's servo makes of the command: of the sensor, or of the servo
+    nominal's servo makes of the command: of the sensor, or of the servo;  coarse  in words that theta's steps are too
+    coarse for the filter, else ""
     """
 
     log: Log
     faults: tuple[Fault, ...] = ()
     nozzle_scale: float = 1.0
+    coarse: str = ""
 
 
 def sensed(log: Log, data: DataCheck, nominal: Nominal | None) -> Sensed:
@@ -79,7 +82,10 @@ def sensed(log: Log, data: DataCheck, nominal: Nominal | None) -> Sensed:
             fault("scale", "beta", f"beta is {own:.4g} times what the servo makes of beta_cmd (+- {std:.1g}): by its "
                   "sensor or by the servo: k1 is taken between the two, and is as much less certain; declare "
                   "actuator_gain if it is the servo's")
-    return Sensed(log, tuple(found), gain)
+    coarse = "" if nominal is None else systematic_step(nominal, log)
+    if coarse:
+        fault("step", "theta", coarse)
+    return Sensed(log, tuple(found), gain, coarse)
 
 
 def _beyond(gyro: Gyro, nominal: Nominal | None) -> tuple[float, float]:

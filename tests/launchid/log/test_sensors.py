@@ -11,6 +11,7 @@ from launchid.judge.scale import between_scales
 from launchid.log.check import checked
 from launchid.log.log import log_of
 from launchid.log.stamps import even_grid
+from launchid.log.steps import step_of, with_steps
 
 DURATION = 40.0   # s
 NAMES = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot")
@@ -91,3 +92,14 @@ def test_a_column_in_another_unit_is_named_and_has_no_valid_window():
         seen = checked(log_of(columns | {name: factor * columns[name]}))
         assert words in seen.foreign
         assert not any(e.valid for e in identified(columns | {name: factor * columns[name]}).estimates)
+
+
+def test_a_step_is_found_declared_and_refused_where_its_error_is_no_noise():
+    columns, nominal = flown(10), launchid.load_nominal("constant")
+    fine, coarse = (columns | {"theta": step * np.round(columns["theta"] / step)} for step in (1e-3, 2e-3))
+    assert step_of(columns["theta"]) == 0.0 and step_of(np.round(fine["theta"], 5)) == pytest.approx(1e-3)
+    assert with_steps(nominal, log_of(columns)) is nominal
+    assert with_steps(nominal, log_of(fine)).sensors.theta_step == pytest.approx(1e-3)
+    assert all(e.valid for e in identified(fine).estimates) and not sensed(fine).coarse
+    with pytest.warns(launchid.DataWarning, match="steps of 0.002 rad"):
+        assert not any(e.valid for e in identified(coarse).estimates)
