@@ -90,7 +90,7 @@ def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional
     if seen.sensed is not None and seen.sensed.nozzle_scale != 1.0:
         judged = replace(judged, estimates=[between_scales(e, seen.sensed.nozzle_scale) for e in judged.estimates])
     told = tested(seen, seen.nominal, judged.estimates) if is_filtered else FITS
-    if told.is_other:
+    if told.refuses:
         judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])
     return Identified(seen, config, estimator, estimates, judged, is_weak, told)
 
@@ -316,8 +316,8 @@ def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
         said["next"] = result.log.sensed.coarse
     elif result.warnings:
         said["warnings"] = list(result.warnings)
-        if result.told.is_other:
-            said["next"] = "identify with the nominal of the vehicle that flew, or without one"
+        if result.told.refuses:
+            said["next"] = result.told.next
     if result.config.formulation == "filtered":
         return said
     if "next" not in said and result.log.doubtful:

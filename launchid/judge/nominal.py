@@ -21,6 +21,7 @@ from sim.nominal import Nominal
 from ..log.check import CheckedLog
 from ..log.loop import loop_of
 from ..shown import with_std
+from .line import Line, undeclared_line
 from .table import TESTS
 
 MANY = 0.25            # of the windows that tell: a nominal may be like another for a part of the flight
@@ -42,18 +43,35 @@ class NominalTest:
     """What the comparison of a log with its nominal found.
 
     decisive   numbers of the vehicle that do not fit, in words;  doubts  those of controller and servo
+    mode       a line of the log of which the nominal has no mode
     """
 
     decisive: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    mode: Line | None = None
 
     @property
     def is_other(self) -> bool:
         """Whether the nominal is of another vehicle, so that no window is valid."""
         return bool(self.decisive) or len(self.doubts) >= DOUBTS
 
+    @property
+    def refuses(self) -> bool:
+        """Whether no window is valid."""
+        return self.is_other or self.mode is not None
+
+    @property
+    def next(self) -> str:
+        """What to do next where no window is valid; "" else."""
+        if self.is_other:
+            return "identify with the nominal of the vehicle that flew, or without one"
+        return "" if self.mode is None else f"declare [[bending]] near {self.mode.frequency:.3g} rad/s in the nominal; " \
+            "`launchid diagnose` tells its size"
+
     def line(self, nominal: Nominal) -> str:
         """Return one line that says which numbers do not fit; "" if all do."""
+        if self.mode is not None and not self.is_other:
+            return f"{self.mode.words}; no window is valid ({nominal.path or nominal.name})"
         said = "; ".join((*self.decisive, *self.doubts))
         if not said:
             return ""
@@ -73,7 +91,7 @@ def tested(seen: CheckedLog, nominal: Nominal | None, estimates: Sequence[Estima
     """
     if nominal is None or seen.foreign:
         return FITS
-    return NominalTest(_own(nominal, estimates), tuple(_loop(seen, nominal)))
+    return NominalTest(_own(nominal, estimates), tuple(_loop(seen, nominal)), undeclared_line(seen, nominal))
 
 
 def lines(seen: CheckedLog, told: NominalTest) -> tuple[str, ...]:

@@ -33,6 +33,10 @@ TESTS = {
     "commands of the nominal": Test(
         "the commands are its controller's", "gain of beta_cmd on the law's answer to theta", 3.0, "times, either way",
         "gains of faults are 0.4 to 2.5"),
+    "no undeclared line": Test(
+        "the nominal has every mode and tone of the log",
+        "periodogram of what it leaves of theta_dot over its surroundings", 1e-5, "chance of a false line in a log",
+        "Welch 1967; chi square of the mean of periodograms"),
     "servo of the nominal": Test(
         "the servo is the nominal's", "speed at which it explains the nozzle best", 3.0, "times, either way",
         "servos of faults are 0.5 to 2 times as fast"),

@@ -64,7 +64,7 @@ def follow(seen: CheckedLog, nominal: Nominal, window: float) -> list[Estimate]:
     config = Config(window=window, sample_period=log.period, formulation="filtered", model=model,
                     max_gap=seen.bridged or None)
     estimates, _ = run(config, seen.estimated.rows())
-    is_other = bool(seen.foreign) or tested(seen, nominal, estimates).is_other
+    is_other = bool(seen.foreign) or tested(seen, nominal, estimates).refuses
     return [_unknown(estimate) for estimate in estimates] if is_other else estimates
 
 
