@@ -1,6 +1,7 @@
 """Margins of flights: do their 95 % intervals hold the truth, do they warn, does the gate refuse what it must?
 
-    python benchmarks/margins.py coverage|warnings|gate|another|clean [--flights N] [--seed 0] [--nominal NAME]
+    python benchmarks/margins.py coverage|warnings|gate|another|clean|fitted|alone [--flights N] [--seed 0]
+                                 [--nominal NAME] [--law NAME] [--vehicle NAME]
 
 In the first three the servo is not known: it is declared with sigmas of 0.3, 0.3 and 0.02 s about the nominal's.
 
@@ -21,13 +22,20 @@ another: the loop that flew is not the nominal's: CONTROLLERS, servos that CHANG
 known, and servos that are otherwise wrong (WRONG).  A window is right if each margin is within three half-widths of its
 interval of the true frozen loop's (the low gain margin as a factor), or if it is refused.
 
+fitted: the controller is none that the nominal has: the laws of tests/any_law.py around three VEHICLES, in 10 s
+windows, flown by an integration of its own; the nominal has the true vehicle and servo, and another controller.  The
+truth is python-control's.  Flights whose reference moves; `still`: whose reference stands.  +-: median half-widths.
+alone: the same without a nominal.
+
 clean: nothing is wrong; controller and log at 25 to 200 Hz, and logs faster and slower than the controller.  Lost: the
 share of the windows that the estimator has numbers of and the tests of controller and servo refuse.
 """
 
 import argparse
 import dataclasses
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 from unittest import mock
 
@@ -38,17 +46,21 @@ import launchid
 from launchid.bound.flights import flight_bound
 from launchid.monte_carlo.campaign import draw_jobs
 from launchid.robustness import reconfigure
-from launchid.robustness.flight_margins import loop_that_flew
+from launchid.robustness.flight_margins import declared_servo, servo_at
+from launchid.robustness.flown import UNCHECKED, loop_that_flew
 from launchid.robustness.loops import loops, plants_of
 from launchid.robustness.margin_spread import MARGIN_NAMES, margin_table
 from launchid.robustness.montecarlo import SCENARIOS, factors
 from sim.effects import effect
 from sim.flight import Factor, Flight, fly_whole, parameters, prepare
-from sim.nominal import Nominal
+from sim.nominal import Nominal, constant_profile
 from sim.sections import Controller, Section
 from sim.vehicle.actuator import fastest_pole
 from sim.vehicle.record import LOG_ROW
 from sim.vehicle.step import advance
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from any_law import GUIDANCE, LAWS, STILL, Vehicle, fly, truth
 
 SPREAD, SERVO_SPREAD, MOST_DELAY = 0.2, 0.3, 0.03
 SIGMA = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
@@ -79,7 +91,7 @@ def _columns(flight: Flight) -> dict[str, np.ndarray]:
 
 
 def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarray] | None:
-    """Judge one flight's margins; None if it is lost.  window, tracked (n, 4): whether each interval holds the truth;
+    """Judge one flight's margins; None if it is lost.  window, tracked (n, 5): whether each interval holds the truth;
     ratio (n, 2): errors of a6, k1 over the bound; cost: that bound over a known servo's; servo (1, 3): its errors over
     their std."""
     believed = in_air(nominal(name), air)
@@ -117,7 +129,7 @@ def coverage(args: argparse.Namespace) -> None:
                 made = [each for each in run_jobs(judged, [(name, air, window, seed) for seed in args.seeds]) if each]
                 print(f"{name}, {air}, {window:g} s windows, {len(made)} flights")
                 of = {key: np.concatenate([each[key].reshape(-1, size) for each in made]) for key, size in (
-                    ("window", 4), ("tracked", 4), ("servo", 3), ("ratio", 2), ("cost", 2))}
+                    ("window", 5), ("tracked", 5), ("servo", 3), ("ratio", 2), ("cost", 2))}
                 table = Table("of 8", "windows 7d", *(f"{margin} 6.1%" for margin in MARGIN_NAMES))
                 for what in ("window", "tracked"):
                     covered = of[what].mean(axis=0)
@@ -137,7 +149,7 @@ NAMED_LEAST, FALSE_MOST, REFUSED_LEAST = 0.95, 0.01, 0.95
 
 
 def margins_of_vehicle(vehicle: Nominal, a6: float, k1: float, gains: tuple[float, ...] = ()) -> np.ndarray:
-    """Return the true margins (4,) of a6, k1 [1/s^2] behind a vehicle's servo; gains (kp, kd [s]) if others fly."""
+    """Return the true margins (5,) of a6, k1 [1/s^2] behind a vehicle's servo; gains (kp, kd [s]) if others fly."""
     servo, controller = vehicle.actuator, vehicle.controller
     row = np.array([[a6, k1, servo.natural_frequency, servo.damping_ratio, servo.delay]])
     return np.asarray(margin_table(loops(plants_of(row), controller, *gains))[0])
@@ -173,7 +185,7 @@ def warned(is_slow: bool, seed: int) -> tuple[bool, bool, bool] | None:
     made = launchid.margins(_columns(flight), declared_unknown(believed))
     below = {each["t_start"] for each in made.report["below"]}
     first = {each.t_start for each in made.windows[:2]}
-    low, high, phase, _ = margins_of_vehicle(true, *_at(true, 0.0, a6, k1))
+    low, high, phase, *_ = margins_of_vehicle(true, *_at(true, 0.0, a6, k1))
     required = believed.margins
     return bool(below & first), bool(below), bool(
         -low >= required.gain_db and high >= required.gain_db and phase >= required.phase_deg)
@@ -265,7 +277,7 @@ def flown(believed: Nominal, kind: str, name: str, seed: int) -> tuple[dict[str,
         effects = [effect("controller_mismatch", delay=late)] if late else []
         at = dataclasses.replace(true, actuator=dataclasses.replace(servo, delay=servo.delay + late))
         log = _columns(fly_whole(true, seed, effects=effects, period=believed.sensors.period))
-        return log, believed, lambda t: None if name == "filter" else at
+        return log, believed, lambda t: at
     if kind == "wrong":
         true = dataclasses.replace(believed, actuator=dataclasses.replace(
             servo, damping_ratio=servo.damping_ratio * (1.2 if name == "damping + 20 %" else 1.0)))
@@ -304,7 +316,7 @@ def right(name: str, kind: str, regime: str, seed: int) -> tuple[int, int, float
             continue
         middle = 0.5 * (each.t_start + each.t_end)
         vehicle = vehicle_at(middle)
-        truth = np.full(4, np.nan) if vehicle is None else margins_of_vehicle(vehicle, *_at(vehicle, middle, 1.0, 1.0))
+        truth = np.full(5, np.nan) if vehicle is None else margins_of_vehicle(vehicle, *_at(vehicle, middle, 1.0, 1.0))
         for true, margin in zip(truth, MARGIN_NAMES, strict=True):
             interval = getattr(each.window.spread, margin)
             x, value, low, high = true, interval.value, interval.low, interval.high
@@ -332,24 +344,25 @@ def another(args: argparse.Namespace) -> None:
 
 
 def kept(name: str, air: str, rate: float, of_log: float, seed: int) -> tuple[int, int, int]:
-    """Fly with nothing wrong; return how many windows have numbers, how many of them the tests refuse, how many tests
-    were not made; 0 of a lost vehicle."""
+    """Fly with nothing wrong; return how many windows have numbers, how many of them the tests refuse, how many cannot
+    be tested; 0 of a lost vehicle."""
     believed = in_air(at_rate(nominal(name), rate), air)
     flight = fly_whole(believed, seed, period=1.0 / of_log)
     if flight.lost:
         return 0, 0, 0
     made = launchid.identify(_columns(flight), believed, window=5.0)
-    tested = loop_that_flew(made.log, believed, made.estimates)
+    servos = [servo_at(declared_servo(believed), e) for e in made.estimates]
+    tested = loop_that_flew(made.log, believed, made.estimates, servos)
     valid = [k for k, e in enumerate(made.estimates) if e.valid]
-    not_made = sum("not tested" in each for each in tested.assumed)
-    return len(valid), sum(k in tested.refused for k in valid), not_made
+    not_made = sum(tested.refused.get(k) == UNCHECKED for k in valid)
+    return len(valid), sum(k in tested.refused for k in valid) - not_made, not_made
 
 
 def clean(args: argparse.Namespace) -> None:
     """Print for each nominal, air and rates how many windows of flights without fault the tests refuse."""
     total = np.zeros(3, int)
     table = Table("nominal 16", "air 5", "controller [Hz] 4g", "log [Hz] 4g", "windows 7d", "refused 7d",
-                  "tests not made 4d")
+                  "cannot be tested 4d")
     for name in args.nominal:
         for air in AIRS:
             for rate, of_log in RATES:
@@ -360,14 +373,88 @@ def clean(args: argparse.Namespace) -> None:
     print(f"{lost:.2%} of {total[0]} windows lost" + (" MISSED" if lost > LOST_MOST else ""))
 
 
+# ---- any controller
+
+VEHICLES = {"paper": Vehicle(), "light": Vehicle(0.8, -4.0, 70.0, 0.6, 0.004),
+            "agile": Vehicle(4.5, -12.0, 40.0, 0.9, 0.012)}
+GAIN_SCALE = {"paper": 1.0, "light": 1.6, "agile": 0.8}   # of the laws' commands: the loops are alike
+LONG, FEW = 10.0, 0.005    # s of a window; of windows that may be beyond three half-widths
+HELD_LEAST, HELD_MOST, REFUSED_MOST = 0.90, 0.98, 0.10
+
+
+def scaled(name: str, vehicle: str) -> Any:
+    """Return a law of LAWS with the vehicle's factor on its commands."""
+    law, factor = LAWS[name], GAIN_SCALE[vehicle]
+    return law._replace(b=factor * law.b, c=factor * law.c, d=factor * law.d)
+
+
+def judged_law(name: str, vehicle: str, moves: bool, alone: bool, seed: int) -> dict[str, np.ndarray]:
+    """Ask the margins of a flight behind a law.  counts: windows, refused; inside, far (n, 5): whether each interval
+    holds the truth, whether it is beyond three half-widths; half (n, 5)."""
+    law, of = scaled(name, vehicle), VEHICLES[vehicle]
+    columns = fly(law, of, seed, guidance=GUIDANCE if moves else STILL)
+    believed = nominal("constant")
+    believed = dataclasses.replace(believed, vehicle=constant_profile(of.a6, of.k1), actuator=dataclasses.replace(
+        believed.actuator, natural_frequency=of.frequency, damping_ratio=of.damping, delay=of.delay))
+    made = launchid.margins(columns, None if alone else believed, window=LONG, controller="log")
+    right, inside, far, halves = truth(law, of, 20_000), [], [], []
+    for each in made.windows:
+        spread = each.window.spread
+        if spread is None:
+            continue
+        intervals = [getattr(spread, margin) for margin in MARGIN_NAMES]
+        half = [max(i.high - i.value, i.value - i.low) for i in intervals]
+        inside.append([i.low - 2e-4 <= x <= i.high + 2e-4 for x, i in zip(right, intervals, strict=True)])
+        far.append([abs(x - i.value) > 3.0 * max(h, 1e-3) for x, i, h in zip(right, intervals, half, strict=True)])
+        halves.append(half)
+    return {"counts": np.array([len(made.windows), len(made.windows) - len(inside)]),
+            "inside": np.array(inside).reshape(-1, 5), "far": np.array(far).reshape(-1, 5),
+            "half": np.array(halves).reshape(-1, 5)}
+
+
+def any_law(args: argparse.Namespace, alone: bool) -> None:
+    """Print for each reference and law how often intervals hold the truth, how wide they are, what is refused."""
+    for moves in (True, False):
+        print("the reference moves" if moves else "the reference stands")
+        table = Table("law 14", "windows 7d", "refused 6.1%", *(f"{margin} 6.1%" for margin in MARGIN_NAMES),
+                      "far 6.2%", *(f"+-{each} 7.3g" for each in ("dB", "dB", "deg", "ms", "1")))
+        every = []
+        for name in args.law:
+            jobs = [(name, vehicle, moves, alone, seed) for vehicle in args.vehicle for seed in args.seeds]
+            every.append(run_jobs(judged_law, jobs))
+            _law_row(table, name, every[-1], False)
+        _law_row(table, "every law", [each for some in every for each in some], True)
+
+
+def _law_row(table: Table, name: str, made: list[dict[str, np.ndarray]], is_judged: bool) -> None:
+    counts = np.sum([each["counts"] for each in made], axis=0)
+    inside, far, half = (np.concatenate([each[key] for each in made]) for key in ("inside", "far", "half"))
+    held = inside.mean(axis=0) if len(inside) else np.full(5, np.nan)
+    away = float(np.mean(far.any(axis=1))) if len(far) else 0.0
+    good = not is_judged or (bool(np.all((held >= HELD_LEAST) & (held <= HELD_MOST))) and away <= FEW
+                             and counts[1] <= REFUSED_MOST * counts[0])
+    table.row(name, counts[0], counts[1] / counts[0], *held, away, *(np.median(half, axis=0) if len(half) else held),
+              good=good)
+
+
+def fitted(args: argparse.Namespace) -> None:
+    """Run `any_law` with the vehicle's nominal."""
+    any_law(args, False)
+
+
+def out_of_log(args: argparse.Namespace) -> None:
+    """Run `any_law` without a nominal."""
+    any_law(args, True)
+
+
 PARTS: dict[str, tuple[Callable[[argparse.Namespace], None], int]] = {
     "coverage": (coverage, 100), "warnings": (warnings, 200), "gate": (gate, 100), "another": (another, 4),
-    "clean": (clean, 10)}  # and their flights where no other number is said
+    "clean": (clean, 10), "fitted": (fitted, 2), "alone": (out_of_log, 1)}  # and their flights, if not said
 
 
 def main() -> None:
     """Run the part that is asked for."""
-    args = arguments(__doc__, PARTS, flights=0, seed=0)
+    args = arguments(__doc__, PARTS, flights=0, seed=0, law=list(LAWS), vehicle=list(VEHICLES))
     part, flights = PARTS[args.part]
     args.seeds = range(args.seed, args.seed + (args.flights or flights))
     part(args)

@@ -8,9 +8,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sim.errors import UsageError
+from sim.sections import Required
+
 from ..argument_checks import DEFAULT_WINDOW
 from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
-from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict, given
+from ..cli.options import (
+    LOG_HELP,
+    NOMINAL_HELP,
+    add_command,
+    add_map,
+    add_nominal,
+    add_outputs,
+    add_report,
+    add_strict,
+    given,
+    nominal_of,
+)
 from ..results.answer import Answer, flat
 
 if TYPE_CHECKING:
@@ -29,8 +43,7 @@ def add(commands: Any) -> None:
     sub = add_command(commands, "margins", "give the stability margins of the flight's loop, with intervals",
                       "launchid margins v.csv vega_like --window 5 --tracked --plot margins.png", margins)
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
-    sub.add_argument("nominal", metavar="NOMINAL.toml",
-                     help=f"identify with {NOMINAL_HELP}; with [actuator] and [controller]")
+    add_nominal(sub, f"identify with {NOMINAL_HELP}; with [actuator] (default: none, the log alone)")
     sub.add_argument("--window", type=float, metavar="S",
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--controller", metavar="WHICH",
@@ -51,7 +64,8 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run `launchid margins` with its parsed arguments: print the margins, and write what options ask for."""
     log = read_noting(args.log, **reading(args))
-    nominal = read_nominal(args.nominal)
+    source = nominal_of(args)
+    nominal = read_nominal(source) if source else None
     check_outputs(args.json, plots=(args.plot,), folder=args.report)
     result = margins(log, nominal, **given(margins, args))
     if args.report:
@@ -59,19 +73,20 @@ def run(args: argparse.Namespace) -> None:
     tell(result, args.json, args.plot)
 
 
-def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_WINDOW, tracked: bool = False,
-            controller: str = "auto", scale: str | None = None, strict: bool = False) -> FlightMargins:
+def margins(log: LogSource, nominal: NominalSource | None = None, *, window: float = DEFAULT_WINDOW,
+            tracked: bool = False, controller: str = "auto", scale: str | None = None,
+            strict: bool = False) -> FlightMargins:
     """Return the stability margins of the flight's loop as identified, with 95 % intervals, window by window.
 
     Parameters
     ----------
     log : path, data frame, mapping of arrays, Log
-    nominal : path, name of a built-in one, or Nominal
-        With [actuator] and [controller].
+    nominal : path, name of a built-in one, or Nominal, optional
+        With [actuator]; None: a6, k1, servo and controller are the log's.
     window : float
         Length of a window [s].
     tracked : bool
-        Also those of the tracked estimate at each window's end.
+        Also those of the tracked estimate at each window's end; needs a nominal.
     controller : str
         Whose margins: of the controller that flew ("auto": the nominal's if its commands are the log's, else the law
         that the log tells), "nominal", "log", or numbers such as "kp=1.5,kd=0.6", which need not have flown.
@@ -89,7 +104,7 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_W
     Raises
     ------
     InputError
-        A nominal without [actuator] or [controller], or a loop that is not modelled.
+        A nominal without [actuator], or with a loop that is not modelled.
     """
     from ..identification.windows import identified, log_config, servo_note
     from ..log.commanded import measured_alone, with_nozzle
@@ -98,6 +113,10 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_W
     from ..robustness.flown import choice
     from ..sources import load_nominal, read_log
     asked = choice(controller, scale)
+    if nominal is None:
+        if tracked:
+            raise UsageError("--tracked needs a nominal")
+        return _alone(log, window, strict, asked)
     nominal = load_nominal(nominal)
     declared_servo(nominal)  # InputError for a loop without this model, before the log is checked
     checked_log, believed, said = with_nozzle(checked_flight(read_log(log), nominal, strict=strict), nominal)
@@ -107,6 +126,22 @@ def margins(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_W
     result = identified(config, checked_log)
     return of_identified(measured_alone(log), nominal, result.config, result.judged.estimates,
                          result.estimator.changes(), tracked, (*warnings, *result.warnings), asked)
+
+
+def _alone(log: LogSource, window: float, strict: bool, asked: Choice) -> FlightMargins:
+    """Return the margins out of a log alone."""
+    from ..identification.windows import why
+    from ..robustness import flight_margins as fm
+    from ..robustness.log_alone import margins_alone
+    from .identify import identify
+    found = identify(log, window=window, strict=strict)
+    windows, servo, flown = margins_alone(found.log, found.estimates, found.late, found.report.get("delay"), asked)
+    report = fm.report(windows, servo, Required(), False, flown)
+    if not any(each["valid"] for each in report["windows"]):
+        report["why"] = why(report["windows"]).replace("is valid", "has margins")
+    if "next" in found.report:
+        report["next"] = found.report["next"]
+    return FlightMargins(found.log, None, found.config, windows, servo, report, found.warnings)
 
 
 def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate],
@@ -136,7 +171,7 @@ class FlightMargins(Answer):
     """Result of `margins`: the stability margins of a flight's loop, window by window."""
 
     log: Log
-    nominal: Nominal
+    nominal: Nominal | None
     config: Config
     windows: list[WindowMargins]
     servo: Servo
@@ -145,8 +180,9 @@ class FlightMargins(Answer):
 
     def summary(self) -> str:
         from ..robustness import flight_margins as fm
-        required = self.nominal.margins
-        head = (f"{self.log.path}: margins of the loop of {self.nominal.name} as identified, window "
+        required = Required() if self.nominal is None else self.nominal.margins
+        whose = "out of the log alone" if self.nominal is None else f"of the loop of {self.nominal.name} as identified"
+        head = (f"{self.log.path}: margins {whose}, window "
                 f"{self.config.window:g} s, value (95 % interval); required: {required.gain_db:g} dB, "
                 f"{required.phase_deg:g} degrees" + (f", {required.delay_ms:g} ms" if required.delay_ms > 0.0 else ""))
         if not self.windows:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sim.errors import InputError
+from sim.sections import Required
 
 from ..charts.page import table, text
 from ..charts.report import Picture, paragraphs, write_report
@@ -94,7 +95,8 @@ def margins_report(found: "FlightMargins", folder: str | Path) -> None:
                               for each in said["below"] + said["may_be_below"]))
     lines = [*closing_lines(said), *gain_lines(said), *(said[key] for key in ("why", "next") if key in said),
              *said["findings"], *(f"assumed: {each}" for each in said["assumed"]), *found.warnings]
-    required = found.nominal.margins
+    required = Required() if found.nominal is None else found.nominal.margins
+    whose = "the log alone" if found.nominal is None else f"nominal {found.nominal.name}"
     first = "".join(f"<p>{text(line)}</p>" for line in lines) + paragraphs(
         [f"Required: {required.gain_db:g} dB, {required.phase_deg:g} degrees"
          + (f", {required.delay_ms:g} ms" if required.delay_ms > 0.0 else "") + "; bold: below it, or perhaps."])
@@ -105,5 +107,5 @@ def margins_report(found: "FlightMargins", folder: str | Path) -> None:
         "Left: margins with 95 % intervals, and what is required. Right: the last window that has margins, as Nichols "
         "chart and Bode plot, beside the nominal's loop and those of its declared ranges.", found._figure)}
     write_report(folder, f"Stability margins of {Path(found.log.path).name}",
-                 f"launchid margins: windows of {found.config.window:g} s, nominal {found.nominal.name}", first,
+                 f"launchid margins: windows of {found.config.window:g} s, {whose}", first,
                  pictures, ("margins.json", found.to_json()), MARGIN_WORDS)

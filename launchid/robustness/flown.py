@@ -233,7 +233,7 @@ def _controllers(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[E
         left = []
     if not left or asked.source == OF_NOMINAL:
         return log
-    reason = _fitted(flown, log, nominal, estimates, left, contradicted)
+    reason = fitted_laws(flown, log, nominal, estimates, left, contradicted)
     if own is not None and asked.source == AUTO and not np.isfinite(log.beta_cmd).any():
         return _by_the_nozzle(flown, log, nominal, estimates, servos, own, untested)
     still = [k for k in left if flown.judged[k] is None]
@@ -245,7 +245,7 @@ def _controllers(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[E
         if is_there and not contradicted:
             why = "the commands are not explained"
         law = f"; no law fitted to the log explains them: {reason}" if reason and reason not in why else ""
-        flown.findings.append(f"in {_count(still, estimates)} {why} ({status}){law}")
+        flown.findings.append(f"in {counted(still, estimates)} {why} ({status}){law}")
     return log
 
 
@@ -269,11 +269,11 @@ def _replayed(flown: Flown, replayed: Replay, own: Judged | None, estimates: Seq
             f"{replayed.words(replayed.explained(of_others))}")
     if asked.source == OF_NOMINAL:
         flown.refused |= dict.fromkeys(others, CONTROLLER)
-        flown.findings.append(f"in {_count(others, estimates)} {said}")
+        flown.findings.append(f"in {counted(others, estimates)} {said}")
     return [k for k in range(len(estimates)) if flown.judged[k] is None], said.replace(" (CONTROLLER)", "")
 
 
-def _fitted(flown: Flown, log: Log, nominal: Nominal | None, estimates: Sequence[Estimate], windows: Sequence[int],
+def fitted_laws(flown: Flown, log: Log, nominal: Nominal | None, estimates: Sequence[Estimate], windows: Sequence[int],
             contradicted: str = "") -> str:
     """Give the log's own law to windows, of the whole flight or each its own; return why some have none, or ""."""
     ticks = answered(log, nominal)
@@ -300,7 +300,7 @@ def _fitted(flown: Flown, log: Log, nominal: Nominal | None, estimates: Sequence
         assert last is not None
         how = "" if not isinstance(whole, str) else " each window's own; the last:"
         before = f"{contradicted}; " if contradicted else ""
-        flown.findings.append(f"in {_count(taken, estimates)} {before}the controller is the log's:{how} {last.words}")
+        flown.findings.append(f"in {counted(taken, estimates)} {before}the controller is the log's:{how} {last.words}")
     return reason
 
 
@@ -312,7 +312,7 @@ def _by_the_nozzle(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence
     if isinstance(made, str):
         why = untested if made in untested else f"{untested}; {made}"
         flown.refused |= dict.fromkeys(range(len(estimates)), UNCHECKED)
-        flown.findings.append(f"in {_count(range(len(estimates)), estimates)} whose controller flew cannot be tested "
+        flown.findings.append(f"in {counted(range(len(estimates)), estimates)} whose controller flew cannot be tested "
                               f"({why}) (UNCHECKED)")
         return log
     follows = followed(made, onboard_model(nominal))
@@ -325,8 +325,8 @@ def _by_the_nozzle(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence
     if others:
         flown.refused |= dict.fromkeys(others, UNCHECKED)
         flown.findings.append(
-            f"in {_count(others, estimates)} the log has no beta_cmd, and the nozzle does not answer the commands that "
-            "the nominal's controller would have issued as the servo does: which of the two is another cannot be told "
+            f"in {counted(others, estimates)} the log has no beta_cmd, and the nozzle does not answer the commands "
+            "that the nominal's controller would have issued as the servo does: which of the two is another cannot be told "
             "(UNCHECKED)")
     if len(others) < len(found):
         flown.assumed.append("the commands are those that the nominal's controller makes of theta and theta_ref (the "
@@ -366,7 +366,7 @@ def _servos(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[Estima
         others = [k for k in range(len(estimates)) if k not in flown.refused]
         flown.refused |= dict.fromkeys(others, UNCHECKED)
         if others:
-            flown.findings.append(f"in {_count(others, estimates)} the servo cannot be tested ({follows}) and is "
+            flown.findings.append(f"in {counted(others, estimates)} the servo cannot be tested ({follows}) and is "
                                   f"declared as known (UNCHECKED){DECLARE}")
         return
     windows = [(e.t_start, e.t_end) for e in estimates]
@@ -385,15 +385,15 @@ def _servos(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[Estima
                              "too few rows)")
     elif untold:
         flown.refused |= dict.fromkeys((k for k in untold if k not in flown.refused), UNCHECKED)
-        flown.findings.append(f"in {_count(untold, estimates)} the servo cannot be tested: too few rows (UNCHECKED)")
+        flown.findings.append(f"in {counted(untold, estimates)} the servo cannot be tested: too few rows (UNCHECKED)")
     if another := [k for k, is_other in enumerate(asked.found) if is_other and flown.refused.get(k) != UNCHECKED]:
         flown.refused |= {k: MODEL_MARK for k in another if k not in flown.refused}
         flown.findings.append(
-            f"in {_count(another, estimates)} the nozzle does not answer the commands as the servo does (MODEL): "
+            f"in {counted(another, estimates)} the nozzle does not answer the commands as the servo does (MODEL): "
             + words(follows, windows[another[-1]], servos[another[-1]].mean) + DECLARE * is_known)
 
 
-def _count(which: Sequence[int], estimates: Sequence[Estimate]) -> str:
+def counted(which: Sequence[int], estimates: Sequence[Estimate]) -> str:
     """Return how many windows `which` (numbers) lists, and from when on: `3 of 14 windows, from 30 s on,`."""
     return f"{len(which)} of {len(estimates)} windows, from {estimates[which[0]].t_start:g} s on,"
 

@@ -10,7 +10,7 @@ a servo that changes in flight shows as soon as its own answer and the estimate 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from sim.vehicle.kernels import kernel
 
 from ..log.log import Log
 from ..shown import PLUS_MINUS, with_std
-from ..sums import along, combined, least_squares, products
+from ..sums import along, combined, least_squares, products, square
 
 INNOVATION_BLOCK = 1.0  # s
 MEMORIES = (10.0, 30.0)  # s, over which what earlier windows tell fades: of a change, of a known servo
@@ -30,6 +30,11 @@ LOUD_VARIANCE = 9.0    # times the declared variance: louder residuals are of no
 SERVO_NOISE = 1.1      # times the declared noise: more is left by what no number of a servo is, as play
 FIT_ROUNDS, FARTHEST = 8, np.array([0.4, 0.3, 0.005, 0.3])  # of Gauss and Newton, and their longest steps
 STARTS = (0.0, 0.02, 0.05)  # s later, from where they begin
+FIRST_FREQUENCIES = (15.0, 40.0, 100.0)  # rad/s of a servo that nobody knows
+FIT_SECONDS = 25.0     # s of the log, from which such a servo is begun with
+NOISE_GUESS = 1e-7     # rad^2, variance of the nozzle's sensor to begin with
+NOISE_RATIOS = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # of the command's noise to it, variances
+NOISE_TURNS = 2        # of seeking the ratio, then the servo
 INNOVATION_SIGMAS = 5.0  # standard deviations of an innovation: more is a fault of one sample
 MIN_INNOVATIONS = 20   # innovations, without which nothing is said
 UNKNOWN = 0.1          # rad, one sigma of the nozzle where the log begins
@@ -125,6 +130,8 @@ class Answer:
     left             mean square of the whitened innovations after a fit of all six
     numbers, std (4,)  fitted ln frequency, damping ratio, delay [s] and gain less the servo's, without play
     blocks           largest statistic of a block
+    covariance (4, 4)  of the numbers
+    likelihood       logarithm of that of the innovations, with the noise's size free
     """
 
     score: np.ndarray
@@ -133,6 +140,8 @@ class Answer:
     numbers: np.ndarray
     std: np.ndarray
     blocks: float
+    covariance: np.ndarray
+    likelihood: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,20 +195,29 @@ class Followed:
         x = least_squares(design, e)
         inverse = np.linalg.pinv(information[np.ix_(USUAL, USUAL)])
         return Answer(score, information, float(np.mean((e - combined(design, x))**2)),
-                      (inverse @ score[USUAL])[:4], np.sqrt(np.diag(inverse)[:4]), worst)
+                      (inverse @ score[USUAL])[:4], np.sqrt(np.diag(inverse)[:4]), worst, inverse[:4, :4],
+                      -0.5 * (len(e) * math.log(square(e) / len(e)) + float(np.sum(np.log(s[told])))))
 
-    def own(self, t_start: float, t_end: float, servo: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """Fit the servo (4,) to rows from t_start to t_end [s] by Gauss-Newton, from `servo`; return it, its standard
-        deviations (4,), and the noise left as a multiple of the declared.  None if too few rows tell."""
+    def fit(self, t_start: float, t_end: float, servo: np.ndarray,
+            rounds: int = FIT_ROUNDS) -> tuple[np.ndarray, Answer] | None:
+        """Fit the servo (4,) to rows from t_start to t_end [s] by Gauss-Newton, from `servo`; return it, and the
+        evidence about it.  None if too few rows tell."""
         found = self.answer(t_start, t_end, servo, np.zeros((3, 3)))
-        for _ in range(FIT_ROUNDS):
+        for _ in range(rounds):
             if found is None:
                 return None
             step = np.clip(found.numbers, -FARTHEST, FARTHEST)
             servo = np.maximum(np.append(servo[0] * math.exp(step[0]), servo[1:] + step[1:]), (1.0, 0.05, 0.0, 0.05))
             found = self.answer(t_start, t_end, servo, np.zeros((3, 3)))
-        if found is None:
+        return None if found is None else (servo, found)
+
+    def own(self, t_start: float, t_end: float, servo: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+        """Fit the servo (4,) as `fit`; return it, its standard deviations (4,), and the noise left as a multiple of the
+        declared."""
+        made = self.fit(t_start, t_end, servo)
+        if made is None:
             return None
+        servo, found = made
         noise = math.sqrt(found.left)
         return servo, found.std * np.array([servo[0], 1.0, 1.0, 1.0]) * max(noise, 1.0), noise
 
@@ -219,28 +237,68 @@ def statistic(score: np.ndarray, information: np.ndarray, variance: np.ndarray, 
 
 def followed(log: Log, model: Model) -> Followed | str:
     """Return the commands and the nozzle of a log for the servo test, or in words why the log allows none."""
+    return followed_at(log, model.noise_period, np.array([model.beta_std**2, model.command_noise_std**2]),
+                       model.time_constant > 0.0)
+
+
+def followed_at(log: Log, period: float, noise: np.ndarray, is_first_order: bool = False) -> Followed | str:
+    """Return the same of commands every `period` [s] and a servo with `noise` (2,) [rad^2], variances of the nozzle's
+    sensor and of what is drawn with each command."""
     there = np.isfinite(log.beta_cmd) & np.isfinite(log.beta)
     if not there.any():
         return f"the log has no {'beta_cmd' if not np.isfinite(log.beta_cmd).any() else 'beta'}"
     if np.array_equal(log.beta[there], log.beta_cmd[there]):
         return "column beta is the command itself"
-    if log.period > 1.01 * model.noise_period:
-        return f"the log's rows are {log.period:g} s apart, the controller's commands {model.noise_period:g} s"
+    if log.period > 1.01 * period:
+        return f"the log's rows are {log.period:g} s apart, the controller's commands {period:g} s"
     rows = np.flatnonzero(np.isfinite(log.t))
     rows = rows[np.concatenate([[True], np.diff(np.maximum.accumulate(log.t[rows])) > 0.0])]
     t, command = log.t[rows], log.beta_cmd[rows]
-    new = np.concatenate([[True], command[1:] != command[:-1]]) if log.period < 0.75 * model.noise_period else \
+    new = np.concatenate([[True], command[1:] != command[:-1]]) if log.period < 0.75 * period else \
         np.ones(len(t), bool)   # a row a period: each has a command of its own, even if it is the one before
     steps = np.abs(np.diff(command[new]))
     half_width = 0.2 * float(np.sqrt(np.nanmean(steps**2))) if np.isfinite(steps).any() else 0.0
     if half_width == 0.0:
         return "the command never changes"
     return Followed(t, log.beta[rows], t[new], command[new],
-                    np.array([model.beta_std**2, model.command_noise_std**2]), MOST_GAP * log.period, half_width,
-                    model.time_constant > 0.0)
+                    noise, MOST_GAP * log.period, half_width, is_first_order)
 
 
-Servos = Sequence[tuple[np.ndarray, np.ndarray]]   # mean (3,): frequency, damping ratio, delay; covariance (3, 3)
+def servo_of(log: Log, period: float) -> tuple[np.ndarray, np.ndarray, Followed] | str:
+    """Fit the servo, and the noise of command and nozzle, to a log whose nominal nobody has.
+
+    Return frequency [rad/s], damping ratio, delay [s], gain (4,), their covariance (4, 4), and what `contradictions`
+    asks; or one sentence.  The noises' ratio and the servo are sought in turn, the ratio by the largest likelihood.
+    """
+    follow = followed_at(log, period, np.array([1.0, 1.0]) * NOISE_GUESS)
+    if isinstance(follow, str):
+        return follow
+    first, last = float(follow.t[0]), float(follow.t[-1]) + log.period
+    short = min(last, first + FIT_SECONDS)
+    tried = [follow.fit(first, short, np.array([w, 0.7, delay, 1.0])) for w in FIRST_FREQUENCIES for delay in STARTS]
+    made = min((each for each in tried if each is not None), key=lambda each: each[1].left, default=None)
+    for _ in range(NOISE_TURNS):
+        if made is None:
+            break
+        servo = made[0]
+        likely = []
+        for ratio in NOISE_RATIOS:
+            asked = replace(follow, noise=np.array([1.0, ratio]) * NOISE_GUESS)
+            found = asked.answer(first, last, servo, np.zeros((3, 3)))
+            likely.append((-math.inf if found is None else found.likelihood, asked, found))
+        _, follow, found = max(likely, key=lambda each: each[0])
+        if found is not None:
+            follow = replace(follow, noise=follow.noise * found.left)
+        made = follow.fit(first, last, servo)
+    if made is None:
+        return "too few rows tell the servo"
+    servo, found = made
+    unit = np.array([servo[0], 1.0, 1.0, 1.0])
+    return servo, found.covariance * np.outer(unit, unit) * max(found.left, 1.0), follow
+
+
+# mean (3,): frequency, damping ratio, delay, or with the gain (4,); covariance (3, 3) of the three
+Servos = Sequence[tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -265,10 +323,10 @@ def contradictions(follow: Followed, windows: Sequence[tuple[float, float]], ser
     answers, about, doubts = [], [], []
     for (t_start, t_end), (mean, covariance) in zip(windows, servos, strict=True):
         unit = np.array([1.0 / mean[0], 1.0, 1.0])
-        about.append(np.array([math.log(mean[0]), *mean[1:]]))
+        about.append(np.array([math.log(mean[0]), *mean[1:3]]))
         doubts.append(covariance * np.outer(unit, unit))
         known = np.isfinite(mean).all()
-        answers.append(follow.answer(t_start, t_end, np.append(mean, 1.0), doubts[-1]) if known else None)
+        answers.append(follow.answer(t_start, t_end, np.append(mean, 1.0)[:4], doubts[-1]) if known else None)
     usual = float(np.median([each.left for each in answers if each is not None] or [1.0]))
     threshold = SERVO_CHI_SQUARE * usual
     statistics, told = np.full((len(windows), len(MEMORIES)), math.nan), [np.zeros((6, 6))] * len(windows)
