@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from sim.errors import UsageError
 from sim.sections import Required
 
+from .. import progress
 from ..argument_checks import DEFAULT_WINDOW
 from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import (
     LOG_HELP,
     NOMINAL_HELP,
     add_command,
+    add_logs,
     add_map,
-    add_nominal,
     add_outputs,
     add_report,
     add_strict,
     given,
-    nominal_of,
+    logs_of,
 )
 from ..results.answer import Answer, flat
 
@@ -35,15 +37,14 @@ if TYPE_CHECKING:
     from ..log.log import Log
     from ..robustness.flight_margins import Servo, WindowMargins
     from ..robustness.flown import Choice
-    from ..sources import LogSource, NominalSource
+    from ..sources import LogSource, LogSources, NominalSource
 
 
 def add(commands: Any) -> None:
     """Add `launchid margins` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "margins", "give the stability margins of the flight's loop, with intervals",
                       "launchid margins v.csv vega_like --window 5 --tracked --plot margins.png", margins)
-    sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
-    add_nominal(sub, f"identify with {NOMINAL_HELP}; with [actuator] (default: none, the log alone)")
+    add_logs(sub, LOG_HELP, f"identify with {NOMINAL_HELP}; with [actuator] (default: none, the log alone)")
     sub.add_argument("--window", type=float, metavar="S",
                      help="set the length of a window [s] (default %(default)s)")
     sub.add_argument("--controller", metavar="WHICH",
@@ -63,24 +64,24 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid margins` with its parsed arguments: print the margins, and write what options ask for."""
-    log = read_noting(args.log, **reading(args))
-    source = nominal_of(args)
-    nominal = read_nominal(source) if source else None
+    names, nominals = logs_of(args)
+    logs = [read_noting(name, **reading(args)) for name in names]
+    nominal = read_nominal(nominals[0]) if nominals else None
     check_outputs(args.json, plots=(args.plot,), folder=args.report)
-    result = margins(log, nominal, **given(margins, args))
+    result = margins(logs if len(logs) > 1 else logs[0], nominal, **given(margins, args))
     if args.report:
         result.write_report(args.report)
     tell(result, args.json, args.plot)
 
 
-def margins(log: LogSource, nominal: NominalSource | None = None, *, window: float = DEFAULT_WINDOW,
+def margins(log: LogSources, nominal: NominalSource | None = None, *, window: float = DEFAULT_WINDOW,
             tracked: bool = False, controller: str = "auto", scale: str | None = None,
-            strict: bool = False) -> FlightMargins:
+            strict: bool = False) -> FlightMargins | SeveralMargins:
     """Return the stability margins of the flight's loop as identified, with 95 % intervals, window by window.
 
     Parameters
     ----------
-    log : path, data frame, mapping of arrays, Log
+    log : path, data frame, mapping of arrays, Log, or a list of them
     nominal : path, name of a built-in one, or Nominal, optional
         With [actuator]; None: a6, k1, servo and controller are the log's.
     window : float
@@ -99,7 +100,7 @@ def margins(log: LogSource, nominal: NominalSource | None = None, *, window: flo
     -------
     FlightMargins
         Per window: low and high gain [dB], phase [deg], delay [ms], modulus margin, each with its 95 % interval; why
-        where there is none.
+        where there is none.  Of a list of logs SeveralMargins, which holds that of each.
 
     Raises
     ------
@@ -111,13 +112,19 @@ def margins(log: LogSource, nominal: NominalSource | None = None, *, window: flo
     from ..log.phases import checked_flight
     from ..robustness.flight_margins import declared_servo
     from ..robustness.flown import choice
-    from ..sources import load_nominal, read_log
+    from ..sources import is_several, load_nominal, read_log, several_logs
     asked = choice(controller, scale)
+    nominal = None if nominal is None else load_nominal(nominal)
+    if is_several(log):
+        found = [margins(each, nominal, window=window, tracked=tracked, controller=controller, scale=scale,
+                         strict=strict) for each in progress.each(several_logs(log), "logs judged")]
+        flights = [each for each in found if isinstance(each, FlightMargins)]
+        return SeveralMargins(flights, several_report(flights)) if len(flights) > 1 else flights[0]
+    log = cast("LogSource", log)
     if nominal is None:
         if tracked:
             raise UsageError("--tracked needs a nominal")
         return _alone(log, window, strict, asked)
-    nominal = load_nominal(nominal)
     declared_servo(nominal)  # InputError for a loop without this model, before the log is checked
     checked_log, believed, said = with_nozzle(checked_flight(read_log(log), nominal, strict=strict), nominal)
     log = checked_log.log
@@ -133,8 +140,9 @@ def _alone(log: LogSource, window: float, strict: bool, asked: Choice) -> Flight
     from ..identification.windows import why
     from ..robustness import flight_margins as fm
     from ..robustness.log_alone import margins_alone
-    from .identify import identify
+    from .identify import Identification, identify
     found = identify(log, window=window, strict=strict)
+    assert isinstance(found, Identification)
     windows, servo, flown = margins_alone(found.log, found.estimates, found.late, found.report.get("delay"), asked)
     report = fm.report(windows, servo, Required(), False, flown)
     if not any(each["valid"] for each in report["windows"]):
@@ -155,7 +163,7 @@ def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequenc
     declared = fm.declared_servo(nominal)
     servos = [fm.servo_at(declared, e) for e in estimates]
     flown = loop_that_flew(log, nominal, estimates, servos, asked)
-    windows = fm.flight_margins(estimates, changes, flown, servos, fm.airframe_of(nominal), tracked)
+    windows = fm.flight_margins(estimates, changes, flown, servos, nominal, tracked)
     servo = fm.last_servo(servos, declared)
     report = fm.report(windows, servo, nominal.margins, tracked, flown)
     if not any(window["valid"] for window in report["windows"]):
@@ -202,3 +210,44 @@ class FlightMargins(Answer):
     def _figure(self) -> Figure:
         from ..results.margin_figures import margins_figure
         return margins_figure(self.log, self.nominal, self.windows, self.report)
+
+
+@dataclass(frozen=True, eq=False)
+class SeveralMargins(Answer):
+    """Result of `margins` for several flights: that of each, and the factors on the gains that all of them bear."""
+
+    flights: Sequence[FlightMargins]
+    report: dict[str, Any]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:   # type: ignore[override]
+        return tuple(line for each in self.flights for line in each.warnings)
+
+    def summary(self) -> str:
+        from ..robustness import flight_margins as fm
+        return "\n".join([*(each.summary() for each in self.flights), "all flights:", *fm.gain_lines(self.report)])
+
+    def columns(self) -> Columns:
+        return flat([{"log": each.log.path, **window} for each in self.flights for window in each.report["windows"]])
+
+    def write_report(self, folder: str | Path) -> None:
+        """Write the report of each flight into a folder of its own, named after its log."""
+        for each in self.flights:
+            each.write_report(Path(folder) / Path(each.log.path).stem)
+
+    def _figure(self) -> Figure:
+        return self.flights[-1]._figure()
+
+
+def several_report(flights: Sequence[FlightMargins]) -> dict[str, Any]:
+    """Return the JSON of several flights: that of each, and the factors on gains that all of them bear."""
+    gains: dict[str, list[float | None]] = {}
+    for name in ("kp", "kd"):
+        ranges = [each.report["gains"][name] for each in flights if name in each.report["gains"]]
+        if not ranges:
+            continue
+        least, largest = math.nan, math.nan
+        if [None, None] not in ranges:
+            least, largest = max(low for low, _ in ranges), min(high for _, high in ranges)
+        gains[name] = [least, largest] if least <= largest else [None, None]
+    return {"flights": [{"log": each.log.path, **each.report} for each in flights], "gains": gains}

@@ -26,7 +26,7 @@ from sim.sections import SERVO, Required
 from ..onboard import onboard_model
 from ..shown import servo_lines
 from . import flown as fl
-from .gains import allowed
+from .gains import allowed, telling
 from .loops import Mode
 from .margin_spread import MARGIN_NAMES, MARGINS, Known, Spread, json_number, margin_spread
 
@@ -67,6 +67,7 @@ class Airframe(NamedTuple):
     damping_std: float = 0.0
     gain: float = 1.0
     modes: tuple[Mode, ...] = ()
+    modes_std: tuple[float, ...] = ()   # of frequency [rad/s] and size of each mode
 
 
 def declared_servo(nominal: Nominal) -> Servo:
@@ -84,16 +85,57 @@ def declared_servo(nominal: Nominal) -> Servo:
     return Servo(np.array([model.natural_frequency, model.damping_ratio, model.delay]), np.diag(np.square(sigma)))
 
 
-def airframe_of(nominal: Nominal) -> Airframe:
-    """Return what a nominal's effects add to the frozen loop."""
+def airframe_of(nominal: Nominal, t: float = 0.0, seen: Sequence[Any] = ()) -> Airframe:
+    """Return what a nominal's modes and effects add to the loop frozen at t [s].
+
+    seen  the modes as an estimate has them (`Estimate.modes`), in place of the nominal's numbers
+    """
     damping, gain = 0.0, 1.0
+    modes, std = modes_at(nominal, t)
+    for each in seen:
+        k = next(k for k, mode in enumerate(modes) if mode.name == each.name)
+        modes[k] = modes[k]._replace(frequency=each.frequency, size=each.size)
+        std[2 * k:2 * k + 2] = each.frequency_std, each.size_std
     for effect in nominal.effects:
         given = values(effect)
         if effect.name == "aero_damping":
             damping += float(given["coefficient"])
         elif effect.name == "actuator_gain":
             gain *= float(given["scale"])
-    return Airframe(damping, 0.0, gain)
+    return Airframe(damping, 0.0, gain, tuple(modes), tuple(std))
+
+
+def modes_at(nominal: Nominal, t: float) -> tuple[list[Mode], list[float]]:
+    """Return a nominal's modes at t [s], those of its effects too, and the standard deviations of each one's frequency
+    and size, which the nominal declares."""
+    modes: list[Mode] = []
+    std: list[float] = []
+    for k, slosh in enumerate(nominal.slosh, 1):
+        frequency, damping, size = (float(x.at(np.array(t)))
+                                    for x in (slosh.frequency, slosh.damping_ratio, slosh.coupling))
+        modes.append(Mode(f"slosh{k}", frequency, damping, size))
+        std += [slosh.frequency_sigma * frequency, slosh.coupling_sigma * abs(size)]
+    for k, bending in enumerate(nominal.bending, 1):
+        frequency, damping, size, rate = (float(x.at(np.array(t))) for x in (
+            bending.frequency, bending.damping_ratio, bending.gain, bending.gyro_gain or bending.gain))
+        modes.append(_bending(f"bending{k}", frequency, damping, size, rate))
+        std += [bending.frequency_sigma * frequency, bending.gain_sigma * abs(size if size != 0.0 else rate)]
+    for effect in nominal.effects:
+        if effect.name in ("slosh", "bending"):
+            given = {key: float(x) for key, x in values(effect).items()}
+            name = f"{effect.name}{1 + sum(mode.name.startswith(effect.name) for mode in modes)}"
+            if effect.name == "slosh":
+                modes.append(Mode(name, given["frequency"], given["damping_ratio"], given["coupling"]))
+            else:
+                modes.append(_bending(name, given["frequency"], given["damping_ratio"], given["gain"], given["gain"]))
+            std += [0.0, 0.0]
+    return modes, std
+
+
+def _bending(name: str, frequency: float, damping: float, gain: float, rate: float) -> Mode:
+    """Return a bending mode that the attitude's sensor sees by `gain` and the gyro by `rate`."""
+    return Mode(name, frequency, damping, gain, 1.0, rate / gain) if gain != 0.0 else \
+        Mode(name, frequency, damping, rate, 0.0, 1.0)
 
 
 def servo_at(declared: Servo, e: Estimate) -> Servo:
@@ -113,7 +155,7 @@ def last_servo(servos: Sequence[Servo], declared: Servo) -> Servo:
 
 
 def flight_margins(estimates: Sequence[Estimate], changes: Sequence[Change], flown: fl.Flown, servos: Sequence[Servo],
-                   airframe: Airframe, is_tracked: bool = True) -> list[WindowMargins]:
+                   nominal: Nominal, is_tracked: bool = True) -> list[WindowMargins]:
     """Return the margins of each window (estimate) with the controller that is judged in it; is_tracked: also those of
     the tracked estimates, which else are UNKNOWN."""
     windows = []
@@ -123,8 +165,11 @@ def flight_margins(estimates: Sequence[Estimate], changes: Sequence[Change], flo
             of_window = of_tracked = Judged(flown.refused.get(k, fl.UNCHECKED))
         else:
             servo = servos[k] if flown.servo is None else servos[k]._replace(covariance=flown.servo)
-            of_window = _of_window(e, changes, servo, controller, airframe)
-            of_tracked = _of_tracked(e, changes, servo, controller, airframe) if is_tracked else Judged(UNKNOWN_MARK)
+            middle, seen = 0.5 * (e.t_start + e.t_end), getattr(e, "modes", ())
+            of_window = _of_window(e, changes, servo, controller, airframe_of(nominal, middle, seen))
+            of_tracked = Judged(UNKNOWN_MARK)
+            if is_tracked:
+                of_tracked = _of_tracked(e, changes, servo, controller, airframe_of(nominal, e.t_end, seen))
         windows.append(WindowMargins(e.t_start, e.t_end, of_window, of_tracked))
     return windows
 
@@ -158,13 +203,16 @@ def margins_of(rigid: Sequence[float], servo: Servo, controller: fl.Judged, airf
         return Judged(UNKNOWN_MARK)
     a6, k1, a6_std, k1_std, correlation = rigid
     has_damping = airframe.damping != 0.0 or airframe.damping_std > 0.0
-    count = 6 if has_damping else 5
+    modes = airframe.modes
+    count = 6 + 2 * len(modes) if modes else 6 if has_damping else 5
     mean, covariance = np.zeros(count), np.zeros((count, count))
     mean[:5] = a6, k1, *servo.mean
     covariance[:2, :2] = np.outer((a6_std, k1_std), (a6_std, k1_std)) * [[1.0, correlation], [correlation, 1.0]]
     covariance[2:5, 2:5] = servo.covariance
-    if has_damping:
+    if count > 5:
         mean[5], covariance[5, 5] = airframe.damping, airframe.damping_std**2
+        mean[6:] = [float(x) for mode in modes for x in (mode.frequency, mode.size)]
+        covariance[6:, 6:] = np.diag(np.square(airframe.modes_std))
     laws = None
     if controller.fitted is not None and controller.fitted.covariance.any():
         numbers, fitted = len(controller.fitted.numbers), controller.fitted
@@ -207,7 +255,8 @@ def margins_json(judgement: Judged) -> dict[str, Any]:
         said[name] = dict(NO_MARGIN) if spread is None else interval_json(spread, name)
     return said | {"stable": {"probability": None if spread is None else spread.stable},
                    "ms": None if spread is None else json_number(spread.ms),
-                   "crossover": [] if spread is None else list(spread.crossover),
+                   "crossover": [] if spread is None else [x.frequency for x in spread.crossings if x.kind == "phase"],
+                   "crossings": [] if spread is None else [each._asdict() for each in spread.crossings],
                    "controller": None if judgement.controller is None else judgement.controller.json}
 
 
@@ -244,6 +293,7 @@ def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, i
     findings, assumed, controller, gains.  is_tracked: with the tracked estimates' margins."""
     reached = below_json(windows, required, is_tracked)
     std = np.sqrt(np.diag(servo.covariance))
+    told = telling(windows, required)
     controller = next((each.window.controller for each in reversed(windows) if each.window.controller), None)
     return {"windows": [{"t_start": each.t_start, "t_end": each.t_end, **margins_json(each.window),
                          **({"tracked": margins_json(each.tracked)} if is_tracked else {})} for each in windows],
@@ -251,9 +301,17 @@ def report(windows: Sequence[WindowMargins], servo: Servo, required: Required, i
             "below": [{key: x for key, x in each.items() if key != "certain"} for each in reached if each["certain"]],
             "may_be_below": [{key: x for key, x in each.items() if key != "certain"} for each in reached
                              if not each["certain"]],
-            "findings": flown.findings, "assumed": [fl.FROZEN, *flown.assumed],
+            "findings": flown.findings, "assumed": [frozen_words(windows), *flown.assumed],
             "controller": None if controller is None else controller.json,
-            "gains": allowed(windows, required)}
+            "gains": allowed(told, required), "gains_of": len(told)}
+
+
+def frozen_words(windows: Sequence[WindowMargins]) -> str:
+    """Return one sentence on what the frozen loop leaves out."""
+    known = next((each.window.known for each in windows if each.window.known is not None), None)
+    there = {mode.name.rstrip("0123456789") for mode in known.modes} if known is not None else set()
+    left = [kind for kind in ("bending", "slosh") if kind not in there]
+    return fl.FROZEN.format(", ".join([*left, "lateral drift"]))
 
 
 def servo_json(servo: Servo, std: np.ndarray) -> dict[str, Any]:
@@ -326,12 +384,10 @@ def gain_lines(said: dict[str, Any]) -> list[str]:
     """Return one line on the factors on kp and kd that keep what [margins] requires; [] where none were sought."""
     words = []
     for name, (least, largest) in said["gains"].items():
-        if least is None and largest is None:
-            words.append(f"no factor on {name} does")
-        else:
-            words.append(f"{name} may be {'any part' if least is None else f'{least:.2f}'} to "
-                         f"{'any multiple' if largest is None else f'{largest:.2f} times'} what is judged")
-    return [f"to keep it in every window, one gain at a time: {'; '.join(words)}"] if words else []
+        words.append(f"no factor on {name} does" if least is None else
+                     f"{name} may be {least:.2f} to {largest:.2f} times what is judged")
+    of = f" in {said['gains_of']} windows" if "gains_of" in said else " in every flight"
+    return [f"to keep it{of}, one gain at a time: {'; '.join(words)}"] if words else []
 
 
 def below_lines(reached: list[dict[str, Any]], verb: str) -> list[str]:

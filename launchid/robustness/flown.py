@@ -30,7 +30,7 @@ from ..onboard import onboard_model
 from .servo_check import contradictions, followed, words
 
 CONTROLLER, MODEL_MARK, UNCHECKED = "CONTROLLER", "MODEL", "UNCHECKED"   # another controller, another servo, not asked
-FROZEN = "no bending, slosh, lateral drift, limit of angle or rate in the loop, all of which stands still"
+FROZEN = "no {}, limit of angle or rate in the loop, all of which stands still"   # of what is left out
 DECLARE = "; declare natural_frequency_sigma, damping_ratio_sigma, delay_sigma in [actuator], and it is estimated"
 AUTO, OF_NOMINAL, OF_LOG, GIVEN = "auto", "nominal", "log", "given"      # sources of the controller that is judged
 SCALABLE = ("kp", "kd")
@@ -326,8 +326,8 @@ def _by_the_nozzle(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence
         flown.refused |= dict.fromkeys(others, UNCHECKED)
         flown.findings.append(
             f"in {counted(others, estimates)} the log has no beta_cmd, and the nozzle does not answer the commands "
-            "that the nominal's controller would have issued as the servo does: which of the two is another cannot be told "
-            "(UNCHECKED)")
+            "that the nominal's controller would have issued as the servo does: which of the two is another cannot be "
+            "told (UNCHECKED)")
     if len(others) < len(found):
         flown.assumed.append("the commands are those that the nominal's controller makes of theta and theta_ref (the "
                              "log has none; its nozzle answers them)")

@@ -1,9 +1,10 @@
 """By how much may the gains be changed?  The least and the largest factor on kp, and on kd, that keep what is required.
 
 A factor is kept if, in every window that has margins, every required margin keeps its requirement with the whole of its
-95 % interval.  While the factors are sought a window is judged at those of its possible loops that are the worst ones
-for some margin with the gains as they are; at the end the window that limits is judged anew with the gains of the
-limit, and the limit drawn back until that one keeps what is required too.
+95 % interval (a window that is too uncertain to tell is left out, `telling`). While the factors are sought a window is
+judged at those of its possible loops that are the worst ones for some margin with the gains as they are; at the end the
+window that limits is judged anew with the gains of the limit, and the limit drawn back until that one keeps what is
+required too.
 """
 
 import math
@@ -27,12 +28,22 @@ FINER = 12             # halvings of a limit's bracket: to 1e-4 of the factor
 DRAWN_BACK = 8         # halvings of the bracket by whole intervals, where those do not keep what is required
 
 
-def allowed(windows: Sequence["WindowMargins"], required: Required) -> dict[str, list[float | None]]:
-    """Return gain -> [least, largest] factor on it that keeps what is required in every window with 95 %.
-
-    None, None: no factor does;  None at one end: nothing limits it there;  {} if no window has margins
-    """
+def telling(windows: Sequence["WindowMargins"], required: Required) -> list["JudgedMargins"]:
+    """Return the windows that tell which gains keep what is required: those that keep it with the whole of their
+    intervals, and those whose estimate misses it.  The others are too uncertain to limit anything; if there are only
+    such, all of them."""
     judged = [each.window for each in windows if each.window.spread is not None]
+    told = [each for each in judged if each.spread is not None and (not each.spread.below(required) or any(
+        margin.sign * getattr(each.spread, name).value < getattr(required, margin.required)
+        for name, margin in MARGINS.items() if margin.required))]
+    return told or judged
+
+
+def allowed(judged: Sequence["JudgedMargins"], required: Required) -> dict[str, list[float | None]]:
+    """Return gain -> [least, largest] factor on it that keeps what is required in every window (`telling`) with 95 %.
+
+    None, None: no factor does;  the ends of FACTORS: nothing that was tried limits it;  {} if no window has margins
+    """
     if not judged:
         return {}
     first = judged[0].controller
@@ -54,7 +65,7 @@ def _range(judged: Sequence["JudgedMargins"], name: str, required: Required) -> 
         while 0 <= k + step < len(factors) and kept[:, k + step].all():
             k += step
         if not 0 <= k + step < len(factors):
-            ends.append(None)
+            ends.append(float(factors[k]))
             continue
         limiting = [each for each, bears in zip(judged, kept[:, k + step], strict=True) if not bears]
         ends.append(_limit(limiting, name, float(factors[k]), float(factors[k + step]), required))

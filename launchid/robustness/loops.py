@@ -30,13 +30,18 @@ from .lft import WHOLE_PERIOD, exponential
 
 class Mode(NamedTuple):
     """A mode of slosh (psi'' + 2 z w psi' + w^2 psi = -theta_ddot, theta_ddot += size w^2 psi) or of bending
-    (eta'' + 2 z w eta' + w^2 eta = size w^2 beta; the attitude's sensor sees eta, the gyro `seen` eta')."""
+    (eta'' + 2 z w eta' + w^2 eta = size w^2 beta; the attitude's sensor sees eta, the gyro `at_rate` eta')."""
 
-    kind: str          # "slosh" or "bending"
-    frequency: float   # rad/s
-    damping: float     # its damping ratio
-    size: float        # coupling of slosh; gain of bending at the attitude's sensor [rad/rad]
-    seen: float = 1.0  # of bending: gain at the gyro over that at the attitude's sensor
+    name: str                       # slosh1, bending1, ...
+    frequency: np.ndarray | float   # rad/s, of all plants or of each (m,), as the next
+    damping: np.ndarray | float     # its damping ratio
+    size: np.ndarray | float        # coupling of slosh; gain of bending at the attitude's sensor [rad/rad]
+    at_theta: float = 1.0           # of bending: 0 if the attitude's sensor does not see it
+    at_rate: float = 1.0            # of bending: gain at the gyro over that at the attitude's sensor
+
+    @property
+    def is_bending(self) -> bool:
+        return self.name.startswith("bending")
 
 
 class Plants(NamedTuple):
@@ -164,7 +169,7 @@ def loops(plants: Plants, controller: Controller | Law, kp: float | None = None,
     if law.is_of_rate and law.has_integral:   # the sum of the rate is the attitude: its pole and the rate's zero part
         moved[1], lag = moved[1][:, :-1], lag[:, :-1]
     return Loops(moved[0], moved[1], poles, whole.astype(np.int64), static, law_theta, law_rate, lag, period,
-                 tuple(mode.frequency for mode in plants.modes))
+                 tuple(float(np.median(mode.frequency)) for mode in plants.modes))
 
 
 def _static(plants: Plants, law: Law) -> np.ndarray:
@@ -179,13 +184,13 @@ def _static(plants: Plants, law: Law) -> np.ndarray:
             kp = top / (np.atleast_2d(law.lag)[:, -2] * law.period)
         else:
             kp = np.where(law.has_integral, np.inf, top / lag)
-        bend = sum(mode.size for mode in plants.modes if mode.kind == "bending") * (not law.is_of_rate)
+        bend = sum(mode.size * mode.at_theta for mode in plants.modes if mode.is_bending) * (not law.is_of_rate)
         return np.asarray(-plants.a6 / (kp * plants.k1 * (1.0 - bend * plants.a6 / plants.k1)))
 
 
 def _flow(plants: Plants) -> tuple[np.ndarray, np.ndarray]:
-    """Return the derivative (m, n + 1, n + 1) of theta, theta_dot, beta, (beta_dot/w,) modes (x, x_dot/w) and the
-    servo's input, which is held; and (2, n) what the sensors of attitude and rate see of the n states."""
+    """Return the derivative (m, n + 1, n + 1) of theta, theta_dot, beta, (beta_dot/w,) modes (x, x_dot) and the servo's
+    input, which is held; and (2, n) what the sensors of attitude and rate see of the n states."""
     servo = 1 if plants.is_first_order else 2
     n, m = 2 + servo + 2 * len(plants.modes), len(plants.a6)
     flow, sensed = np.zeros((m, n + 1, n + 1)), np.zeros((2, n))
@@ -201,16 +206,16 @@ def _flow(plants: Plants) -> tuple[np.ndarray, np.ndarray]:
         flow[:, 3, 2], flow[:, 3, 3] = -w, -2.0 * plants.damping * w
     for k, mode in enumerate(plants.modes):
         x, v = 2 + servo + 2 * k, 3 + servo + 2 * k
-        flow[:, x, v], flow[:, v, x], flow[:, v, v] = (mode.frequency, -mode.frequency,
-                                                       -2.0 * mode.damping * mode.frequency)
-        if mode.kind == "bending":
-            flow[:, v, 2] = mode.size * mode.frequency
-            sensed[0, x], sensed[1, v] = 1.0, mode.seen * mode.frequency
+        stiffness = np.square(mode.frequency)
+        flow[:, x, v], flow[:, v, x], flow[:, v, v] = 1.0, -stiffness, -2.0 * mode.damping * mode.frequency
+        if mode.is_bending:
+            flow[:, v, 2] = mode.size * stiffness
+            sensed[0, x], sensed[1, v] = mode.at_theta, mode.at_rate
         else:
-            flow[:, 1, x] = mode.size * mode.frequency**2
+            flow[:, 1, x] = mode.size * stiffness
     for k, mode in enumerate(plants.modes):
-        if mode.kind != "bending":   # driven by the acceleration, with all that is in it
-            flow[:, 3 + servo + 2 * k] -= flow[:, 1] / mode.frequency
+        if not mode.is_bending:   # driven by the acceleration, with all that is in it
+            flow[:, 3 + servo + 2 * k] -= flow[:, 1]
     return flow, sensed
 
 
@@ -231,8 +236,10 @@ def faddeev(d: np.ndarray, rows: np.ndarray | Sequence[Sequence[float]]) -> tupl
 
 
 def plants_of(parameters: np.ndarray, is_first_order: bool = False, modes: tuple[Mode, ...] = ()) -> Plants:
-    """Return plants from rows (m, 5 or 6) of a6, k1, natural frequency, damping ratio, delay, rate damping; a delay
-    below 0 becomes 0."""
+    """Return plants from rows (m, 5 or more) of a6, k1, natural frequency, damping ratio, delay, rate damping, and
+    frequency and size of each of `modes`, which has its other numbers; a delay below 0 becomes 0."""
     a6, k1, frequency, damping, delay = parameters.T[:5]
     rate_damping = parameters[:, 5] if parameters.shape[1] > 5 else 0.0
+    modes = tuple(mode._replace(frequency=parameters[:, 6 + 2 * k], size=parameters[:, 7 + 2 * k])
+                  for k, mode in enumerate(modes))
     return Plants(a6, k1, frequency, damping, np.maximum(delay, 0.0), rate_damping, is_first_order, modes)

@@ -55,6 +55,7 @@ MODULUS_ZOOMS = 2      # of the modulus margin's minimum: to 1e-6 of it
 CLIMBS = 2             # of each extreme, each to where the last slope points
 SLOPE_STEP = 0.05      # standard deviations: of a slope's difference
 STABLE_WITHIN = 4.0    # standard deviations: where no loop is unstable within them, the loop is stable
+NEAR_MODE = math.log(1.25)  # of ln frequency: a crossing so near a mode is the mode's
 MANY = 2048            # points that count how probable it is, where one is
 KNOWN_DIRECTION = 1e-12  # of the largest share of the spread: below it a direction is known
 
@@ -76,7 +77,8 @@ class Known:
     """What is known of a loop: mean (k,) and covariance (k, k) of its numbers.
 
     The first `count` are the plant's: a6, k1 [1/s^2], the servo's natural frequency [rad/s], damping ratio and delay
-    [s], and, if there are six, the damping of its rate [1/s]; the others those of a law that was fitted.
+    [s], and, if there are more, the damping of its rate [1/s], then frequency [rad/s] and size of each of its modes;
+    the others those of a law that was fitted.
     """
 
     mean: np.ndarray
@@ -94,12 +96,23 @@ class Known:
         return loops(plants_of(numbers[:, :self.count], self.is_first_order, self.modes), controller, kp, kd)
 
 
+class Crossing(NamedTuple):
+    """Where L crosses the unit circle (kind "phase": margin [deg], by which it is off -180 degrees) or the negative
+    real axis (kind "gain": margin [dB], the factor on the gain that makes it -1), at `frequency` [rad/s]; of the rigid
+    body or of a mode, by name, whose frequency is near."""
+
+    kind: str
+    frequency: float
+    margin: float
+    of: str
+
+
 @dataclass(frozen=True)
 class Spread:
     """Margins of a loop that is known with a covariance, and the probability `stable` that it is stable.
 
-    crossover  [rad/s] frequencies at which |L| = 1, of the estimate;  worst (w, k) numbers at which one of the required
-    margins is at the worse end of its interval
+    crossings  of the estimate: where L crosses the unit circle and the negative real axis;  worst (w, k) numbers at
+    which one of the required margins is at the worse end of its interval
     """
 
     gain_low_db: Interval
@@ -108,7 +121,7 @@ class Spread:
     delay_ms: Interval
     modulus_margin: Interval
     stable: float          # the probability that the loop is
-    crossover: tuple[float, ...] = ()
+    crossings: tuple[Crossing, ...] = ()
     worst: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), compare=False, repr=False)
 
     @property
@@ -146,12 +159,25 @@ def margin_table(many: Loops) -> np.ndarray:
     return table
 
 
-def crossover(many: Loops) -> tuple[float, ...]:
-    """Return the frequencies [rad/s] at which |L| of the first loop is 1."""
+def crossings_of(many: Loops, modes: tuple[Mode, ...]) -> tuple[Crossing, ...]:
+    """Return the crossings of the first loop, by frequency; a crossing is a mode's if it is within NEAR_MODE of it."""
     one = many.take(np.arange(1))
     omega = frequency_grid(one.period, (float(np.max(one.whole)) + 1.0) * one.period, one.peaks)
-    _, at, _ = crossings(one, lambda x: x.real**2 + x.imag**2 - 1.0, omega, one.gain(omega))
-    return tuple(sorted(float(x) for x in at))
+    gain = one.gain(omega)
+
+    def owner(frequency: float) -> str:
+        near = min(modes, key=lambda mode: abs(math.log(float(np.median(mode.frequency)) / frequency)), default=None)
+        if near is None or abs(math.log(float(np.median(near.frequency)) / frequency)) > NEAR_MODE:
+            return "rigid"
+        return near.name
+
+    _, on_circle, at_circle = crossings(one, lambda x: x.real**2 + x.imag**2 - 1.0, omega, gain)
+    _, on_axis, at_axis = crossings(one, np.imag, omega[:-1], gain[:, :-1])
+    found = [Crossing("phase", w, math.degrees(np.angle(-x)), owner(w))
+             for w, x in zip(on_circle.tolist(), at_circle.tolist(), strict=True)]
+    found += [Crossing("gain", w, -20.0 * math.log10(-x.real), owner(w))
+              for w, x in zip(on_axis.tolist(), at_axis.tolist(), strict=True) if x.real < 0.0]
+    return tuple(sorted(found, key=lambda each: each.frequency))
 
 
 def margin_spread(known: Known, controller: Controller | Law, kp: float | None = None,
@@ -166,11 +192,11 @@ def margin_spread(known: Known, controller: Controller | Law, kp: float | None =
     def judge(u: np.ndarray) -> np.ndarray:
         return margin_table(loops_at(u))
 
-    crossing = crossover(loops_at(np.zeros((1, count))))
+    crossing = crossings_of(loops_at(np.zeros((1, count))), known.modes)
     if count == 0:
         value = judge(np.zeros((1, 0)))[0]
         return Spread(**dict(zip(MARGIN_NAMES, (Interval(x, 0.0, x, x) for x in value.tolist()), strict=True)),
-                      stable=float(loops_at(np.zeros((1, 0))).stable()[0]), crossover=crossing, worst=known.mean[None])
+                      stable=float(loops_at(np.zeros((1, 0))).stable()[0]), crossings=crossing, worst=known.mean[None])
     inside, on = normal_points(INSIDE, count), INTERVAL * _unit(normal_points(ON_ELLIPSOID, count))
     points = np.concatenate([np.zeros((1, count)), inside, on])
     table = judge(points)
@@ -183,7 +209,7 @@ def margin_spread(known: Known, controller: Controller | Law, kp: float | None =
             or not table.any(axis=1).all():
         stable = float(np.mean(loops_at(normal_points(MANY, count)).stable()))
     worst = [(at_low if each.sign > 0.0 else at_high)[k] for k, each in enumerate(MARGINS.values()) if each.required]
-    return Spread(**dict(zip(MARGIN_NAMES, intervals, strict=True)), stable=stable, crossover=crossing,
+    return Spread(**dict(zip(MARGIN_NAMES, intervals, strict=True)), stable=stable, crossings=crossing,
                   worst=known.mean + np.array([np.zeros(count), *worst]) @ root.T)
 
 

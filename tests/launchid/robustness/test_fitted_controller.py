@@ -2,19 +2,23 @@
 
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
-from any_law import LAWS, Vehicle, fly, truth
+from any_law import LAWS, Vehicle, fly, law, truth
+from scipy.linalg import expm
 
 import launchid
 from launchid.controller.fit import FittedLaw, answered, fit_law
-from launchid.controller.law import law_of
+from launchid.controller.law import Law, law_of
+from launchid.robustness.flight_margins import modes_at
 from launchid.robustness.flown import choice
-from launchid.robustness.loops import loops, plants_of
-from launchid.robustness.margin_spread import MARGIN_NAMES, margin_table
+from launchid.robustness.loops import Mode, loops, plants_of
+from launchid.robustness.margin_spread import MARGIN_NAMES, crossings_of, margin_table
 from launchid.sources import read_log
 from sim.errors import UsageError
 from sim.nominal import Section, constant_profile, load_nominal
+from sim.sections import Bending, Slosh, constant
 
 CONSTANT = load_nominal("constant")
 PD = CONSTANT.controller
@@ -165,7 +169,6 @@ def test_filters_and_the_rate_law_are_judged_as_python_control_judges_them():
     """A PD with the filter y = 0.2 x + 0.8 y; and kp rate + ki sum, whose integral is an attitude."""
     den, num = (np.convolve([1.0, -0.05 / 0.06], [1.0, -0.8]),
                 0.2 * (1.2 * np.array([1.0, -0.05 / 0.06]) + 0.5 / 0.06 * np.array([1.0, -1.0])))
-    from any_law import law
     own = replace(PD, filters=(Section((0.2, 0.0, 0.0), (1.0, -0.8, 0.0)),))
     mine = margin_table(loops(plants_of(ROW), law_of(own)))[0]
     assert mine == pytest.approx(truth(law(den, num)), rel=3e-4, abs=2e-3)
@@ -173,3 +176,78 @@ def test_filters_and_the_rate_law_are_judged_as_python_control_judges_them():
     mine = margin_table(loops(plants_of(ROW), law_of(rate)))[0]
     theirs = truth(law([1.0, -1.0], [0.0], [0.5 + 0.012, -0.5]))
     assert mine == pytest.approx(theirs, rel=3e-4, abs=2e-3)
+
+
+# ---- modes
+
+
+MODES = (Mode("slosh1", 4.0, 0.01, 0.05), Mode("bending1", 24.0, 0.005, 0.05, 1.0, 1.4), Mode("slosh2", 5.5, 0.02, 0.03))
+
+
+@pytest.mark.parametrize("gyro", [False, True])
+def test_loops_with_modes_are_python_controls(gyro):
+    """Two slosh masses and a bending mode at attitude and gyro: L at all frequencies, and the margins that follow."""
+    a6, k1, w, zeta, delay, period = 2.0, -7.0, 50.0, 0.7, 0.004, 0.01
+    a = np.zeros((11, 11))
+    a[0, 1] = a[2, 3] = a[4, 5] = a[6, 7] = a[8, 9] = 1.0
+    a[1, [0, 2, 4, 8]] = a6, k1, 0.05 * 4.0**2, 0.03 * 5.5**2
+    a[3, [2, 3, 10]] = -w * w, -2.0 * zeta * w, w * w
+    a[7, [6, 7, 2]] = -24.0**2, -2.0 * 0.005 * 24.0, 0.05 * 24.0**2
+    for row, frequency, damping in ((5, 4.0, 0.01), (9, 5.5, 0.02)):
+        a[row, [row - 1, row]] = -frequency**2, -2.0 * damping * frequency
+        a[row] -= a[1]
+    late, early, whole = (expm(a * h) for h in (period - delay, delay, period))
+    of = Law(np.array([1.2]), np.array([0.2]), np.array([1.0]), period) if gyro else law_of(PD)
+    omega = np.geomspace(0.05, 300.0, 3000)
+    z = np.exp(1j * omega * period)
+    total = 0.0
+    for seen, own in zip(([0, 6], [1, 7]), of.at(z - 1.0), strict=True):
+        row = np.zeros((1, 10))
+        row[0, seen] = 1.0, 1.0 if seen[0] == 0 else 1.4
+        moved = [control.ss(whole[:10, :10], x[:, None], row, 0.0, period)(z) for x in (
+            late[:10, 10], late[:10, :10] @ early[:10, 10])]
+        total = total - own * (moved[0] + moved[1] / z)
+    rows = np.array([[a6, k1, w, zeta, delay, 0.0, *(x for mode in MODES for x in (mode.frequency, mode.size))]])
+    mine = loops(plants_of(rows, False, MODES), of)
+    assert np.max(np.abs(mine.gain(omega)[0] / total - 1.0)) < 1e-7
+    _, phases, least, *_ = control.stability_margins(control.frd(total, omega), returnall=True)
+    found = crossings_of(mine, MODES)
+    told = [each.margin for each in found if each.kind == "phase"]
+    assert len(told) == len(phases) and told == pytest.approx(phases, abs=0.5)
+    assert {each.of for each in found} >= {"slosh1", "slosh2", "bending1"}
+    if mine.stable()[0]:
+        assert margin_table(mine)[0, 4] == pytest.approx(least.min(), rel=2e-2)
+
+
+def test_a_nominals_modes_are_in_its_loop():
+    nominal = replace(CONSTANT, slosh=(Slosh(constant(4.0), constant(0.05)),),
+                      bending=(Bending(constant(24.0), constant(0.02), gyro_gain=constant(0.03), gain_sigma=0.5),))
+    modes, std = modes_at(nominal, 3.0)
+    assert [mode.name for mode in modes] == ["slosh1", "bending1"] and modes[1].at_rate == pytest.approx(1.5)
+    assert std == [0.0, 0.0, 0.0, pytest.approx(0.01)]
+
+
+# ---- without a nominal
+
+
+def test_margins_out_of_a_log_alone_hold_the_truth():
+    """Vehicle, servo and controller from one log."""
+    found = launchid.margins(fly(LAWS["pid"], seed=8, duration=30.0), window=10.0)
+    right = truth(LAWS["pid"])
+    assert found.nominal is None and found.report["controller"]["source"] == "log"
+    assert found.servo.mean == pytest.approx([50.0, 0.7, 0.008], abs=4.0 * np.sqrt(np.diag(found.servo.covariance)))
+    assert sum(window.window.valid for window in found.windows) >= 2
+    for window in found.windows:
+        if window.window.spread is None:
+            continue
+        for x, margin in zip(right, (getattr(window.window.spread, each) for each in MARGIN_NAMES), strict=True):
+            half = max(margin.high - margin.value, margin.value - margin.low, 2e-3)
+            assert abs(x - margin.value) < 2.0 * half
+
+
+def test_several_flights_bear_the_same_gains():
+    found = launchid.margins([fly(LAWS["pd"], seed=seed, duration=10.0) for seed in (9, 10)], NOMINAL)
+    for name, (least, largest) in found.report["gains"].items():
+        each = [flight.report["gains"][name] for flight in found.flights]
+        assert least == max(low for low, _ in each) and largest == min(high for _, high in each)
+    assert [flight["log"] for flight in found.report["flights"]] == [flight.log.path for flight in found.flights]

@@ -222,10 +222,11 @@ def test_a_window_of_a_sudden_change_has_no_margins(made):
 
 def test_the_json_is_the_contracts(made):
     said = json.loads(made.to_json())
-    assert list(said) == ["windows", "actuator", "below", "may_be_below", "findings", "assumed", "controller", "gains"]
+    assert list(said) == ["windows", "actuator", "below", "may_be_below", "findings", "assumed", "controller", "gains",
+                          "gains_of"]
     first = said["windows"][0]
     assert list(first) == ["t_start", "t_end", "valid", "status", *MARGIN_NAMES, "stable", "ms", "crossover",
-                           "controller", "tracked"]
+                           "crossings", "controller", "tracked"]
     assert first["ms"] == pytest.approx(1.0 / first["modulus_margin"]["value"]) and len(first["crossover"]) == 1
     assert said["controller"] == {"source": "nominal", "kp": PD.kp, "kp_std": 0.0, "kd": PD.kd, "kd_std": 0.0,
                                   "period": PD.period}
