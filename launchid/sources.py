@@ -78,7 +78,8 @@ def read_log(source: LogSource, required: tuple[str, ...] = DRIVEN, *,
 def _read(source: LogSource, required: tuple[str, ...]) -> Log:
     """Return the whole log of a source."""
     if isinstance(source, Log):
-        return dataclasses.replace(log_of(source.measured(), source.path, required), is_chosen=source.is_chosen)
+        return dataclasses.replace(log_of(source.measured(), source.path, required), is_chosen=source.is_chosen,
+                                   options=source.options)
     if isinstance(source, (str, os.PathLike)):
         as_path(source)
         from launchid.convert.readers import refuse_foreign

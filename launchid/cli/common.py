@@ -78,13 +78,19 @@ def read_noting(path: str, *required: str, map_path: str | None = None, from_: s
         mapping = replace(mapping, cut=mapping.cut.but(from_, to))
         converted = convert(path, mapping, required or DRIVEN)
         warn(converted)
-        return converted.log
+        return replace(converted.log, options=_options(map_path, from_, to))
     from ..convert.readers import refuse_foreign
     refuse_foreign(path)
     log = read_log(path, required or DRIVEN)
     if log.ignored:
         say(f"{path}: columns ignored: {', '.join(ascii(name)[1:-1] for name in log.ignored)}")
-    return cut_log(log, from_, to)
+    return replace(cut_log(log, from_, to), options=_options(None, from_, to))
+
+
+def _options(map_path: str | None, from_: str | None, to: str | None) -> str:
+    """Return the options with which a log was read, as they follow its name in a command."""
+    return "".join(f" {name} {value}" for name, value in (("--map", map_path), ("--from", from_), ("--to", to))
+                   if value is not None)
 
 
 def read_nominal(path: str) -> "Nominal":

@@ -85,12 +85,13 @@ def add_logs(sub: argparse.ArgumentParser, help: str, nominal_help: str, require
 
     required  a nominal must be there;  most  nominals, None: any number
     """
-    nominals = "NOMINAL.toml" if most == 1 else "NOMINAL.toml ..."
-    sub.add_argument("words", nargs="+", metavar="LOG.csv",
-                     help=f"{help}; of several flights of one vehicle, each; then {nominals}: {nominal_help}")
-    sub.add_argument("--nominal", metavar="NOMINAL.toml", dest="nominal_option",
-                     help="give the nominal as an option (default: none)")
-    sub.set_defaults(nominal_required=required, most_nominals=most)
+    then = "" if most == 0 else f"; then {'a nominal' if most == 1 else 'nominals'}: {nominal_help}"
+    sub.add_argument("words", nargs="+", metavar="LOG.csv" if most == 0 else "LOG.csv|NOMINAL.toml",
+                     help=f"{help}; several: flights of one vehicle{then}")
+    if most != 0:
+        sub.add_argument("--nominal", metavar="NOMINAL.toml", dest="nominal_option",
+                         help="give the nominal as an option (default: none)")
+    sub.set_defaults(nominal_required=required, most_nominals=most, nominal_option=None)
 
 
 def is_nominal(word: str) -> bool:
@@ -108,7 +109,7 @@ def logs_of(args: argparse.Namespace) -> tuple[list[str], list[str]]:
     if args.nominal_option:
         nominals.append(args.nominal_option)
     if args.most_nominals is not None and len(nominals) > args.most_nominals:
-        raise UsageError(f"{' and '.join(nominals)}: expected one nominal")
+        raise UsageError(f"{' and '.join(nominals)}: expected {'one nominal' if args.most_nominals else 'logs alone'}")
     if args.nominal_required and not nominals:
         if len(words) > 1 and not os.path.exists(words[-1]):
             return words[:-1], words[-1:]   # a name that is none: who reads it says which is near

@@ -156,7 +156,8 @@ def identify(log: LogSources, nominal: NominalSource | None = None, *, window: f
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
     fitted = result.judged.fitted if weak else result.estimates
     report = report_of(result, tracked)
-    report |= of_identified(report, log.path, None if nominal is None else shown_path(nominal.path or nominal.name),
+    believes = None if nominal is None else shown_path(nominal.path or nominal.name)
+    report |= of_identified(report, log.path, log.options, believes,
                             nominal is not None and nominal.controller is not None)
     changes = result.estimator.changes() if config.formulation == "filtered" else ()
     return Identification(log, nominal, result.config, result.judged.estimates, fitted, report, library, changes, said,

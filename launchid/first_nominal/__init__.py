@@ -5,6 +5,7 @@ maximum of the likelihood) -> answer (numbers, standard deviations, what is not 
 """
 
 from .answer import First, first
-from .write import lines, report, write
+from .flights import of_flights
+from .write import lines, nominal_of, report, write
 
-__all__ = ["First", "first", "lines", "report", "write"]
+__all__ = ["First", "first", "lines", "nominal_of", "of_flights", "report", "write"]

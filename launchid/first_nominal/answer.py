@@ -41,7 +41,8 @@ class First:
     delay    [s] of the command to the nozzle (or to the motion, if no nozzle is measured), or of nozzle to motion
     servo    natural frequency [rad/s] and damping ratio, where a command and the nozzle tell them
     offsets  moment [rad/s^2], gyro_bias [rad/s];  noise  one sigma a sample or period;  wind  as in [wind]
-    refused  sentences on what the log cannot tell;  notes  on what was left out;  r2  of held-out rows, predicted
+    refused  sentences on what the log cannot tell;  notes  on what was left out;  a6_k1_corr  of the first node
+    r2  of held-out rows, predicted
     """
 
     path: str
@@ -65,6 +66,7 @@ class First:
     r2: float | None
     notes: tuple[str, ...]
     refused: tuple[str, ...] = field(default=())
+    a6_k1_corr: float = 0.0
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of models that are tried, and diverge: they lose
@@ -117,7 +119,13 @@ def answer(result: Found) -> First:
         delay=delay(fitted, c),
         delay_of="beta" if model.source == BY_MEASUREMENT or not c.has("beta_cmd") else "command",
         servo=servo(fitted), offsets=offsets(fitted), noise=noise(fitted, c), wind=wind(fitted), r2=result.r2,
-        notes=c.notes)
+        notes=c.notes, a6_k1_corr=correlation(fitted.covariance, 0, na))
+
+
+def correlation(covariance: np.ndarray, j: int, k: int) -> float:
+    """Return the correlation of numbers j and k; 0 where one has no variance."""
+    below = math.sqrt(max(covariance[j, j] * covariance[k, k], 0.0))
+    return min(max(float(covariance[j, k]) / below, -0.9999), 0.9999) if below > 0.0 else 0.0
 
 
 def spread(result: Found) -> float:
@@ -206,20 +214,20 @@ def noise(fitted: Fitted, c: Channels) -> dict[str, Number]:
             value = math.sqrt(model.numbers[key] / period)
             rough = ROUGHLY if key == "r_beta" and model.source == BY_MEASUREMENT else LEVEL_UNCERTAINTY
             levels[name] = (value, value * math.hypot(0.5 * fitted.std(key), rough))
-    if fitted.std("q_a") > UNSEEN:
-        limit = unseen(fitted, c)
-        levels["acceleration"] = (limit, limit)
+            if fitted.std(key) > UNSEEN:
+                limit = math.sqrt(unseen(fitted, c, key) / period)
+                levels[name] = (limit, limit)
     return levels
 
 
-def unseen(fitted: Fitted, c: Channels) -> float:
-    """Return the level of unmodelled acceleration [rad/s^2] at which ln L falls by 0.5: less does not show."""
-    model, q_a = fitted.model, fitted.model.numbers["q_a"]
+def unseen(fitted: Fitted, c: Channels, key: str) -> float:
+    """Return the noise level `key` (a variance or a density) at which ln L falls by 0.5: less does not show."""
+    model, level = fitted.model, fitted.model.numbers[key]
     for _ in range(100):
-        q_a *= 2.0
-        if run(replace(model, numbers=model.numbers | {"q_a": q_a}), c).ln_l < fitted.ln_l - 0.5:
+        level *= 2.0
+        if run(replace(model, numbers=model.numbers | {key: level}), c).ln_l < fitted.ln_l - 0.5:
             break
-    return math.sqrt(q_a / c.period)
+    return level
 
 
 def wind(fitted: Fitted) -> dict[str, Number]:

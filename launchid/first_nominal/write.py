@@ -15,6 +15,7 @@ from sim.nominal import Actuator, Nominal, Profile, Sensors, Simulation, Wind, c
 from ..shown import known, saying_what_plus_minus_is, with_std
 from .answer import First, Number
 
+DIGITS = 9             # of a number that has no deviation
 TOLD = 3.0             # standard deviations from 0: below, an offset is none
 INTEGRATION_STEP = 0.001  # s, of the integration
 UNSEEN_SERVO_FREQUENCY = 200.0  # rad/s: a servo in the place of one that no sensor sees; its lag is taken off the delay
@@ -33,7 +34,7 @@ def nominal_of(numbers: First, name: str) -> Nominal:
     step = numbers.period / math.ceil(numbers.period / INTEGRATION_STEP - 1e-9)
     return Nominal(
         name=name, vehicle=vehicle, terms=terms, effects=effects, actuator=actuator(numbers), sensors=sensors(numbers),
-        simulation=Simulation(duration=numbers.duration, step=step,
+        simulation=Simulation(duration=float(f"{numbers.duration:.{DIGITS}g}"), step=step,
                               acceleration_noise_std=numbers.noise["acceleration"][0]),
         wind=wind(numbers) if is_wind(numbers) else None)
 
@@ -98,8 +99,9 @@ def plant(numbers: First) -> tuple[Profile, tuple[tuple[str, float], ...], tuple
 
 
 def actuator(numbers: First) -> Actuator | None:
-    """Return [actuator]; None where no command was logged or no delay found: the measured nozzle is the input then."""
-    if numbers.delay_of == "beta" or numbers.delay is None:
+    """Return [actuator]; None where no command was logged or no delay found: the measured nozzle is the input then.  A
+    beta that acts behind a servo is a command."""
+    if numbers.delay is None or (numbers.delay_of == "beta" and numbers.servo is None):
         return None
     delay = max(numbers.delay[0], 0.0)
     if numbers.servo is None:
@@ -124,6 +126,11 @@ def shown(number: Number, unit: str = "") -> str:
     return f"+- {number[1]:.2g}" + (f" {unit}" if unit else "")
 
 
+def level_words(number: Number, unit: str) -> str:
+    """Return the comment of a noise level: its deviation, or that the log shows no more than a limit."""
+    return shown(number, unit) if number[1] < number[0] else f"{unit}, at most: less does not show"
+
+
 def comments(numbers: First) -> dict[tuple[str, str], str]:
     """Return (section, key) of the nominal file -> its comment, mostly the standard deviation."""
     a6, k1 = (f"+- {std.mean():.2g}" for std in (numbers.a6_std, numbers.k1_std))
@@ -136,13 +143,14 @@ def comments(numbers: First) -> dict[tuple[str, str], str]:
     said |= {("vehicle.terms", f'"{name}"'): shown(number, TERM_UNITS[name]) for name, number in numbers.terms.items()}
     for name, key in (("theta", "theta_std"), ("theta_dot", "theta_dot_std"), ("beta", "beta_std")):
         there = name in numbers.noise
-        said["sensors", key] = shown(numbers.noise[name], UNIT_OF[name]) if there else \
-            "not in the log, or not used: a guess"
-    said["simulation", "acceleration_noise_std"] = shown(numbers.noise["acceleration"], "rad/s^2")
+        said["sensors", key] = level_words(numbers.noise[name], UNIT_OF[name]) if there else \
+            f"{UNIT_OF[name]}, not in the log, or not used: a guess"
+    said["simulation", "acceleration_noise_std"] = level_words(numbers.noise["acceleration"], "rad/s^2")
     if numbers.delay is not None:
         said["actuator", "delay"] = shown(numbers.delay, "s")
     if numbers.servo is not None:
-        said["actuator", "natural_frequency"] = shown(numbers.servo[0], "rad/s")
+        said["actuator", "natural_frequency"] = shown(numbers.servo[0], "rad/s") if numbers.servo[0][1] > 0.0 else \
+            "rad/s, at least: as fast as the rows show; damping_ratio and delay tell the lag"
         said["actuator", "damping_ratio"] = shown(numbers.servo[1])
     else:
         said["actuator", "natural_frequency"] = "no nozzle was measured: fast, its lag taken off the delay"
@@ -161,9 +169,11 @@ def comments(numbers: First) -> dict[tuple[str, str], str]:
 def commented(lines: list[str], numbers: First, source: str) -> Iterator[str]:
     """Yield the lines of a nominal file, each with its number's standard deviation as comment, after notes."""
     yield f"# The first nominal out of {source} alone: one standard deviation behind each number. SI units."
+    if len(numbers.t) == 1 and not numbers.sine:
+        yield "# To compare, in SI: k1 = -thrust*arm/inertia, a6 = q*S*C_N_alpha*(lever of the air force)/inertia."
     if numbers.delay is not None and numbers.delay_of == "beta":
-        behind = "" if numbers.servo is None else f", behind a servo of {with_std(*numbers.servo[0])} rad/s"
-        yield f"# The motion lags beta by {with_std(*numbers.delay)} s{behind}."
+        yield f"# The motion lags beta by {with_std(*numbers.delay)} s." if numbers.servo is None else \
+            "# What is logged as beta acts behind a servo: it is the command. Rename it beta_cmd, or map it so."
     for name in ("moment", "gyro_bias"):
         if name in numbers.offsets and not told(numbers, name):
             yield f"# {name}: {with_std(*numbers.offsets[name])} {UNIT_OF[name]}, not significantly different from 0."

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..results.answer import Answer, flat
-from ..results.headline import closing
+from ..results.headline import closing, shown_path
 from ..shown import saying_what_plus_minus_is, with_std
 from .pooled import PARAMETERS, Joint, Told, pooled
 
@@ -139,23 +139,33 @@ def joined(found: Sequence[Identification], nominal: Nominal | None) -> JointAns
     said = joint_report(told, joint, of)
     flights = [{"log": each.log.path, **each.report} for each in found]
     report = {**said, **joint_words(told, joint, of, [each.log.path for each in found],
-                                    None if nominal is None else nominal.path or nominal.name), "flights": flights}
+                                    None if nominal is None else shown_path(nominal.path or nominal.name),
+                            found[0].log.options), "flights": flights}
     return JointAnswer(found, nominal, told, joint, report, of is not None,
                        tuple(dict.fromkeys(line for each in found for line in each.warnings)))
 
 
+def differing(told: Sequence[Told], joint: Joint | None) -> str:
+    """Return in words which flights are of another vehicle than the rest, and in what; "" if they agree."""
+    if joint is None:
+        return ""
+    if joint.is_of_two:
+        return f"the two flights are not of one vehicle (p {joint.p:.1g})"
+    return "; ".join(f"{Path(told[k].log).name} differs, in {name}" for k, name in joint.others.items())
+
+
 def joint_words(told: Sequence[Told], joint: Joint | None, relative: Nominal | None, logs: Sequence[str],
-                nominal: str | None) -> dict[str, str]:
-    """Return the headline of several flights and the command to run next."""
+                nominal: str | None, options: str) -> dict[str, str]:
+    """Return the headline of several flights and the command to run next, which reads the logs with `options`."""
     names = " ".join(logs)
     if joint is None:
         return {"headline": f"of {len(logs)} flights {len(told)} tell a6 and k1: too few for a joint answer.",
-                "next": f"launchid show {names}"}
+                "next": f"launchid show {names}{options}"}
     unit = " of the nominal's" if relative is not None else f" {UNIT}"
     numbers = " and ".join(f"{name} {with_std(joint.value[j], joint.std[j])}" for j, name in enumerate(PARAMETERS))
     rest = [each.log for k, each in enumerate(told) if k not in joint.others]
     if joint.others:
-        off = "; ".join(f"{Path(told[k].log).name} differs, in {name}" for k, name in joint.others.items())
+        off = differing(told, joint)
         head = f"{off} (p {joint.p:.1g} that all are of one vehicle); the other {len(rest)} agree: {numbers}{unit}."
     elif joint.is_of_two:
         head = f"The two flights are not of one vehicle (p {joint.p:.1g}): no a6 and k1 hold for both."
@@ -167,5 +177,5 @@ def joint_words(told: Sequence[Told], joint: Joint | None, relative: Nominal | N
         follow = f"launchid compare {rest[0]} {nominal}"
     else:
         follow = f"launchid fit-lft {' '.join(rest)} {nominal} --out range.toml"
-    return {"headline": head, "next": follow}
+    return {"headline": head, "next": follow + options}
 

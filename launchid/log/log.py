@@ -60,6 +60,7 @@ class Log(Result):
     alpha: np.ndarray = None     # type: ignore[assignment]
     rate_ref: np.ndarray = None  # type: ignore[assignment]
     beta_noise: float = 0.0    # rad, of a beta that is predicted and not measured, as the estimator gets it
+    options: str = ""          # with which a command reads it (` --map MAP.toml`), for the next command
     is_chosen: bool = False    # a user chose its rows (`log.cut`), so that no phase of it is chosen for him
 
     def __post_init__(self) -> None:

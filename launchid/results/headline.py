@@ -3,11 +3,14 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..shown import with_std
+
+if TYPE_CHECKING:
+    from ..first_nominal import First
 
 SIGMAS = 3.0     # standard deviations, by which a number is another than the nominal's or than before
 SPREAD = 2.0     # of the windows' chi square over its degrees of freedom, from which their mean is no summary
@@ -50,17 +53,18 @@ def over_windows(windows: Sequence[dict[str, Any]], name: str) -> str:
     return f"{name} {with_std(mean, 1.0 / math.sqrt(float(np.sum(weight))))} {UNIT}"
 
 
-def of_identified(report: dict[str, Any], log: str, nominal: str | None, has_controller: bool) -> dict[str, str]:
+def of_identified(report: dict[str, Any], log: str, options: str, nominal: str | None,
+                  has_controller: bool) -> dict[str, str]:
     """Return {"headline", "next"} of the identify JSON; what the answer lacks comes first.
 
-    nominal  path or name;  has_controller  whether margins can be asked for
+    log, options  as a command names the log;  nominal  path or name;  has_controller  whether margins can be asked for
     """
     windows = report["windows"]
     valid = sum(window["valid"] for window in windows)
     if not valid:
         head = report.get("why", f"no window of {log} is complete")
         follow = f"launchid show {log}" if nominal is None else f"launchid diagnose {log} {nominal} --report report"
-        return {"headline": f"{head[:1].upper()}{head[1:]}.", "next": report.get("next", follow)}
+        return {"headline": f"{head[:1].upper()}{head[1:]}.", "next": report.get("next", follow + options)}
     span = [window for window in windows if window["valid"]]
     numbers = " and ".join(filter(None, (over_windows(windows, name) for name in ("a6", "k1"))))
     change = changed(report.get("changes", []))
@@ -77,7 +81,27 @@ def of_identified(report: dict[str, Any], log: str, nominal: str | None, has_con
         follow = f"launchid diagnose {log} {nominal} --report report"
     else:
         follow = f"launchid {'margins' if has_controller else 'compare'} {log} {nominal}"
-    return {"headline": head, "next": report.get("next", follow)}
+    return {"headline": head, "next": report.get("next", follow + options)}
+
+
+def of_first(numbers: "First", names: str, differing: str) -> dict[str, str]:
+    """Return {"headline", "next"} of a first nominal.
+
+    names  its logs and its own file, as a command takes them;  differing  which flights are not of the vehicle
+    """
+    if numbers.refused:
+        return {"headline": f"{numbers.refused[0][:1].upper()}{numbers.refused[0][1:]}.",
+                "next": f"launchid show {names}"}
+    pairs = [(name, getattr(numbers, name), getattr(numbers, f"{name}_std")) for name in ("a6", "k1")]
+    said = " and ".join(f"{name} {with_std(value[0], std[0])}" if len(value) == 1 else
+                        f"{name} from {with_std(value[0], std[0])} to {with_std(value[-1], std[-1])}"
+                        for name, value, std in pairs)
+    late = [] if numbers.delay is None else [f"a delay of {with_std(*(1e3 * x for x in numbers.delay))} ms"]
+    late += [] if numbers.servo is None else [f"a servo of {with_std(*numbers.servo[0])} rad/s"]
+    behind = f" behind {' and '.join(late)}" if late else ""
+    head = f"{said} {UNIT}{behind}."
+    return {"headline": f"{differing}; of the others: {head}" if differing else head,
+            "next": f"launchid identify {names}"}
 
 
 def shown_path(path: str) -> str:
