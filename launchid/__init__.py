@@ -14,9 +14,9 @@ The functions and results are those of the commands; the estimator that flies is
 when they are first asked for, so that the command answers at once.
 """
 
-from typing import TYPE_CHECKING, Any
+import typing as _typing
 
-if TYPE_CHECKING:
+if _typing.TYPE_CHECKING:
     from launchid_core import __version__
 
     from .api import (
@@ -35,19 +35,26 @@ if TYPE_CHECKING:
         identify,
         load_nominal,
         margins,
+        nominal,
         onboard_model,
         plan,
         read_log,
+        show,
         simulate,
         uncertainty,
     )
 
 __all__ = ["DataWarning", "InputError", "Log", "LogSource", "Nominal", "NominalSource", "UsageError", "__version__",
-           "campaign", "compare", "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "margins",
-           "onboard_model", "plan", "read_log", "simulate", "uncertainty"]
+           "campaign", "compare", "diagnose", "export_c", "fit_lft", "identify", "load_nominal", "margins", "nominal",
+           "onboard_model", "plan", "read_log", "show", "simulate", "uncertainty"]
 
 
-def __getattr__(name: str) -> Any:
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return __all__
+
+
+def __getattr__(name: str) -> _typing.Any:
     """Return a public name, imported at its first use."""
     if name in __all__:
         from launchid_core import __version__

@@ -22,6 +22,20 @@ PAGE_DPI = 72  # of a figure on a notebook's page: half the bytes of one that is
 class Result:
     """Base of what users get back; a subclass implements `summary`, `table` and, if it can be drawn, `_figure`."""
 
+    def __init_subclass__(cls, **more: Any) -> None:
+        """Keep a dataclass from writing all of its arrays as its `repr`."""
+        super().__init_subclass__(**more)
+        if "__repr__" not in cls.__dict__:
+            cls.__repr__ = Result.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._headline()}>"
+
+    def _headline(self) -> str:
+        """Return the result in one line."""
+        said = getattr(self, "report", {}).get("headline") or self.summary()
+        return str(said).splitlines()[0]
+
     def summary(self) -> str:
         """Return the result in words, the most important line first."""
         raise NotImplementedError
@@ -47,7 +61,8 @@ class Result:
                                  for name, x in self.table().items()})
 
     def _repr_html_(self) -> str:
-        first, *rest = self.summary().splitlines()
+        first, rest = self._headline(), self.summary().splitlines()
+        rest = rest[1:] if rest[:1] == [first] else rest
         more = f"<details><summary>as text</summary><pre>{escape(chr(10).join(rest))}</pre></details>" if rest else ""
         return f"<p><b>{escape(first)}</b></p>{_html_table(self.table())}{more}"
 

@@ -3,28 +3,38 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from sim.errors import UsageError
 
 from ..argument_checks import integer
 from ..cli.common import at_least, check_outputs, read_nominal, read_noting, reading, tell
-from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_report, add_strict, given
+from ..cli.options import (
+    LOG_HELP,
+    NOMINAL_HELP,
+    add_command,
+    add_logs,
+    add_map,
+    add_outputs,
+    add_report,
+    add_strict,
+    given,
+    logs_of,
+)
 from ..log.table import REQUIRED
 
 if TYPE_CHECKING:
     from ..comparison.result import Comparison
-    from ..sources import LogSource, NominalSource
+    from ..comparison.several import Comparisons
+    from ..sources import LogSource, LogSources, NominalSource
 
 
 def add(commands: Any) -> None:
     """Add `launchid compare` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "compare", "hold a log beside nominals: predictions, flights, dispersions, responses",
                       "launchid compare v.csv vega_like report/extension.toml --report compared", compare)
-    sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
-    sub.add_argument("nominals", metavar="NOMINAL.toml", nargs="+",
-                     help=f"hold the log beside {NOMINAL_HELP}; of several, such as one and the extension.toml that "
-                          "diagnose made of it, each")
+    add_logs(sub, LOG_HELP, f"hold the log beside {NOMINAL_HELP}; of several, such as one and the extension.toml that "
+                            "diagnose made of it, each", required=True, most=None)
     sub.add_argument("--flights", type=int, metavar="N",
                      help="fly each nominal this often with its dispersions, and give the log's place among them; 0: "
                           "none (default %(default)s)")
@@ -38,22 +48,25 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run `launchid compare` with its parsed arguments: print the comparison, and write what options ask for."""
     at_least("--flights", args.flights, 0)
-    log = read_noting(args.log, *REQUIRED, **reading(args))
-    nominals = [read_nominal(path) for path in args.nominals]
+    names, paths = logs_of(args)
+    logs = [read_noting(name, *REQUIRED, **reading(args)) for name in names]
+    nominals = [read_nominal(path) for path in paths]
     check_outputs(args.json, plots=(args.plot,), folder=args.report)
-    result = compare(log, *nominals, **given(compare, args))
+    result = compare(logs if len(logs) > 1 else logs[0], *nominals, **given(compare, args))
     if args.report:
         result.write_report(args.report)
     tell(result, args.json, args.plot)
 
 
-def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict: bool = False) -> Comparison:
+def compare(log: LogSources, *nominals: NominalSource, flights: int = 200,
+            strict: bool = False) -> Comparison | Comparisons:
     """Compare a log with nominals: predictions 0.1, 0.5 and 1 s ahead, flights from the log's reference, the log's
     place among dispersed flights, frequency responses.
 
     Parameters
     ----------
-    log : path, data frame, mapping of arrays, Log
+    log : path, data frame, mapping of arrays, Log; or a list of these
+        A list: flights of one vehicle, each compared.
     *nominals : path, name of a built-in one, or Nominal
         One or several, such as a nominal and the extension that `diagnose` made of it.
     flights : int
@@ -64,6 +77,7 @@ def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict
     Returns
     -------
     Comparison
+        Of a list of logs Comparisons, which hold that of each.
     """
     import numpy as np
 
@@ -74,11 +88,18 @@ def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict
     from ..log.check import checked
     from ..log.phases import phase_note
     from ..progress import Counter
-    from ..sources import load_nominal, read_log
+    from ..results.headline import of_compared, shown_path
+    from ..sources import is_several, load_nominal, read_log, several_logs
     flights = integer("--flights", flights, 0)
     if not nominals:
         raise UsageError("compare: expected at least one nominal")
-    log, believed = read_log(log, REQUIRED), [load_nominal(nominal) for nominal in nominals]
+    believed = [load_nominal(nominal) for nominal in nominals]
+    if is_several(log):
+        from ..comparison.several import Comparisons
+        found = [cast("Comparison", compare(each, *believed, flights=flights, strict=strict))
+                 for each in several_logs(log, REQUIRED)]
+        return Comparisons(found) if len(found) > 1 else found[0]
+    log = read_log(cast("LogSource", log), REQUIRED)
     said: tuple[str, ...] = ()
     made, first = list[Beside](), None
     count = Counter(flights * len(believed), "flights with the dispersions")
@@ -94,4 +115,8 @@ def compare(log: LogSource, *nominals: NominalSource, flights: int = 200, strict
     if not 0.0 <= t.min() <= LATEST_START and any(each.nominal.controller is not None for each in made):
         said += (f"{log.path}: begins at {t.min():g} s; flights of a nominal begin at 0 s, so none is flown beside it",)
     assert first is not None
-    return Comparison(first, made, report(first, made), tuple(dict.fromkeys(said)))
+    answer = report(first, made)
+    names = [shown_path(each.path or each.name) for each in believed]
+    answer |= of_compared(answer, log.path, log.options,
+                          names if len(set(names)) == len(names) else [each.label for each in made])
+    return Comparison(first, made, answer, tuple(dict.fromkeys(said)))

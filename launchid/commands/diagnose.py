@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from ..argument_checks import integer, word
 from ..cli.common import at_least, check_outputs, read_nominal, read_noting, reading, tell
@@ -14,11 +16,13 @@ from ..cli.options import (
     NOISE_CHOICES,
     NOMINAL_HELP,
     add_command,
+    add_logs,
     add_map,
     add_outputs,
     add_report,
     add_strict,
     given,
+    logs_of,
 )
 from ..results.answer import Answer, flat
 
@@ -28,16 +32,16 @@ if TYPE_CHECKING:
 
     from ..comparison.result import Comparison
     from ..diagnosis.verdict import Result
-    from ..sources import LogSource, NominalSource
+    from ..log.log import Log
+    from ..sources import LogSource, LogSources, NominalSource
 
 
 def add(commands: Any) -> None:
     """Add `launchid diagnose` and its options to argparse's subparsers `commands`."""
     sub = add_command(commands, "diagnose", "find why a simulation disagrees with a log, and how much the fix gains",
                       "launchid diagnose v.csv vega_like --report report", diagnose)
-    sub.add_argument("log", metavar="LOG.csv", help=f"{LOG_HELP}; one of theta and theta_dot, and one of beta and "
-                                                    "beta_cmd, is enough")
-    sub.add_argument("nominal", metavar="NOMINAL.toml", help=f"compare the log with {NOMINAL_HELP}")
+    add_logs(sub, f"{LOG_HELP}; one of theta and theta_dot, and one of beta and beta_cmd, is enough",
+             f"compare the log with {NOMINAL_HELP}", required=True)
     sub.add_argument("--holdout", metavar="LOG2.csv",
                      help="judge the extended nominal on this second log (default: on parts of the first that are held "
                           "out)")
@@ -57,24 +61,27 @@ def add(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Run `launchid diagnose` with its parsed arguments: print the diagnosis, and write what options ask for."""
     at_least("--bootstrap", args.bootstrap, 0)
-    log, nominal = read_noting(args.log, "t", **reading(args)), read_nominal(args.nominal)
+    names, nominals = logs_of(args)
+    logs = [read_noting(name, "t", **reading(args)) for name in names]
+    nominal = read_nominal(nominals[0])
     holdout = read_noting(args.holdout, "t", **reading(args)) if args.holdout else None
     check_outputs(args.json, folder=args.report)
     args.holdout = holdout
-    result = diagnose(log, nominal, **given(diagnose, args))
+    result = diagnose(logs if len(logs) > 1 else logs[0], nominal, **given(diagnose, args))
     if args.report:
         result.write_report(args.report)
     tell(result, args.json)
 
 
-def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | None = None, bootstrap: int = 0,
-             noise: str = "bounded", strict: bool = False) -> Diagnosed:
+def diagnose(log: LogSources, nominal: NominalSource, *, holdout: LogSource | None = None, bootstrap: int = 0,
+             noise: str = "bounded", strict: bool = False) -> Diagnosed | Diagnoses:
     """Find why a simulation disagrees with a log, and how much the fix improves its predictions.
 
     Parameters
     ----------
-    log : path, data frame, mapping of arrays, Log
-        One of theta and theta_dot, and one of beta and beta_cmd, is enough.
+    log : path, data frame, mapping of arrays, Log; or a list of these
+        A list: flights of one vehicle, each diagnosed. One of theta and theta_dot, and one of beta and beta_cmd, is
+        enough.
     nominal : path, name of a built-in one, or Nominal
     holdout : as log, optional
         A second log, to judge the extended model on; None: parts of the first.
@@ -88,15 +95,22 @@ def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | Non
     Returns
     -------
     Diagnosed
+        Of a list of logs Diagnoses, which hold that of each.
     """
-    from ..diagnosis.answer import report
+    from ..diagnosis.answer import extension, report
     from ..diagnosis.verdict import diagnose as examine
     from ..log.check import checked, ideal_note
     from ..log.phases import phase_note
     from ..progress import report as show
-    from ..sources import load_nominal, read_log
+    from ..results.headline import of_diagnosed, shown_path
+    from ..sources import is_several, load_nominal, read_log, several_logs
     bootstrap, noise = integer("--bootstrap", bootstrap, 0), word("--noise", noise, NOISE_CHOICES)
-    log, nominal = read_log(log, ("t",)), load_nominal(nominal)
+    nominal = load_nominal(nominal)
+    if is_several(log):
+        found = [cast("Diagnosed", diagnose(each, nominal, holdout=holdout, bootstrap=bootstrap, noise=noise,
+                                            strict=strict)) for each in several_logs(log, ("t",))]
+        return Diagnoses(found, nominal) if len(found) > 1 else found[0]
+    log = read_log(cast("LogSource", log), ("t",))
     second = None if holdout is None else read_log(holdout, ("t",))
     for each in (log, second):
         if each is not None:
@@ -104,8 +118,31 @@ def diagnose(log: LogSource, nominal: NominalSource, *, holdout: LogSource | Non
     if strict:
         checked(log, nominal, strict=strict)
     result = examine(log, nominal, second, bootstrap=bootstrap, say=show, noise=noise)
-    reading = result.reading
-    return Diagnosed(result, report(result), (*ideal_note(log), *phase_note(log, reading.log, reading.data)))
+    seen, extended = result.reading, extension(result)
+    said = report(result)
+    said |= of_diagnosed(said, log.path, log.options, shown_path(nominal.path or nominal.name),
+                         None if extended is None else _fits(log, nominal, extended, strict), extended is not None)
+    return Diagnosed(result, said, (*ideal_note(log), *phase_note(log, seen.log, seen.data)))
+
+
+def _fits(log: Log, nominal: Nominal, extended: Nominal, strict: bool) -> tuple[float, float, float] | None:
+    """Return how well theta is predicted [%] with the nominal and with its extension, and how far ahead [s]; None if
+    that cannot be asked."""
+    from sim.errors import InputError
+
+    from ..comparison.prediction import predictions, statistics
+    from ..log.check import checked
+    try:
+        found = [predictions(seen.log, each, seen.data).get("theta", {}) for each in (nominal, extended)
+                 for seen in (checked(log, each, strict=strict),)]
+    except InputError:
+        return None
+    horizons = set(found[0]) & set(found[1])
+    if not horizons:
+        return None
+    h = max(horizons)
+    before, after = (statistics(each[h].measured, each[h].predicted).fit for each in found)
+    return (before, after, h) if math.isfinite(before + after) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +165,8 @@ class Diagnosed(Answer):
 
     def summary(self) -> str:
         from ..diagnosis.answer import lines
-        return "\n".join(lines(self.diagnosis))
+        from ..results.headline import closing
+        return "\n".join([*lines(self.diagnosis), *closing(self.report)])
 
     def columns(self) -> Columns:
         rows = [{"cause": cause["cause"], "where": cause["where"], "parameter": name, **value}
@@ -156,7 +194,53 @@ class Diagnosed(Answer):
         extended = self.extension
         report("comparing the log with the simulation")
         try:
-            return compare(self.diagnosis.reading.raw, self.diagnosis.nominal,
-                           *([] if extended is None else [replace(extended, path="extension.toml")]), flights=0)
+            return cast("Comparison", compare(
+                self.diagnosis.reading.raw, self.diagnosis.nominal,
+                *([] if extended is None else [replace(extended, path="extension.toml")]), flights=0))
         except InputError:
             return None
+
+
+class Diagnoses(Answer):
+    """Diagnoses of several flights of one vehicle with one nominal: that of each, and whether it is one vehicle."""
+
+    def __init__(self, flights: Sequence[Diagnosed], nominal: Nominal) -> None:
+        from ..flights.result import told_by_identification
+        self.flights = list(flights)
+        logs = [each.diagnosis.reading.raw for each in flights]
+        joint = told_by_identification(logs, nominal)
+        self.report = {**joint, **self._words(), "flights": [{"log": log.path, **each.report}
+                                                             for log, each in zip(logs, flights, strict=True)]}
+        self.warnings = tuple(dict.fromkeys(line for each in flights for line in each.warnings))
+
+    def _words(self) -> dict[str, str]:
+        """Return the headline of all flights and the command to run next: the causes, each with how many flights have
+        it."""
+        named = [tuple(cause["cause"] for cause in each.report["causes"]) for each in self.flights]
+        count = {cause: sum(cause in each for each in named) for each in named for cause in each}
+        n = len(self.flights)
+        wrong = [each for each in self.flights if each.report["verdict"] not in ("consistent", "bad-data")]
+        if not wrong:
+            return {"headline": f"None of {n} flights shows anything wrong.", "next": self.flights[0].report["next"]}
+        said = ", ".join(f"{cause} in {k} of {n}" for cause, k in sorted(count.items(), key=lambda each: -each[1]))
+        unknown = sum(not each for each in named) - (n - len(wrong))
+        rest = f"{'; ' if said else ''}nothing known fits {unknown} of {n}" if unknown > 0 else ""
+        return {"headline": f"{said}{rest}.", "next": wrong[0].report["next"]}
+
+    def summary(self) -> str:
+        from ..results.headline import closing
+        parts = [f"{Path(each['log']).name}: {each['headline']}" for each in self.report["flights"]]
+        p = self.report["one_vehicle"]
+        one = [] if p is None else [f"one vehicle, by a6 and k1 of each flight: p {p['p']:.2g}"]
+        return "\n".join([*parts, *one, *closing(self.report)])
+
+    def columns(self) -> Columns:
+        rows = [{"flight": Path(each["log"]).name, "cause": cause["cause"], "where": cause["where"], "parameter": name,
+                 **value} for each in self.report["flights"] for cause in each["causes"]
+                for name, value in cause["parameters"].items()]
+        return flat(rows) or {name: [] for name in ("flight", "cause", "where", "parameter", "value", "std", "unit")}
+
+    def write_report(self, folder: str | Path) -> None:
+        """Write the report of each flight into a folder of its name within this one."""
+        for each, said in zip(self.flights, self.report["flights"], strict=True):
+            each.write_report(Path(folder) / Path(said["log"]).stem)

@@ -14,6 +14,7 @@ from sim.result import Columns
 from ..log.detect import DataCheck
 from ..log.log import Log
 from ..results.answer import Answer, flat
+from ..results.headline import BEYOND_NOISE, closing
 from .flown import FLOWN_CHANNELS, Dispersed
 from .frequency_response import COHERENT, Response
 from .prediction import HORIZONS, NO_STATISTICS, Predictions, Statistics, statistics
@@ -26,7 +27,6 @@ DECIBEL = 20.0 / math.log(10.0)   # of a relative change
 INTERVAL = 1.96                   # standard deviations: 95 %
 NUMBER_FORMATS = {"fit": ".2f", "noise_fit": ".2f", "rms": ".3g", "largest": ".3g", "tic": ".4f", "bias": ".2f",
                   "variance": ".2f", "covariance": ".2f"}
-BEYOND_NOISE = 1.2                # times the error that noise makes, from which a cause is worth looking for
 BIASED = "in closed loop it is drawn towards the controller's inverse, the more the lower the coherence"
 
 
@@ -64,7 +64,8 @@ class Comparison(Answer):
             lines.append(f"{row['channel']:<10}{row['of']:<12}{row['nominal']:<20}{fit:>8}{noise:>8}{rms:>11}"
                          f"{largest:>11}  {RESPONSE_UNITS[row['channel']]:<6}" + "".join(f"{share:>7}"
                                                                                          for share in shares))
-        return "\n".join([*lines, *self._dispersion_lines(), *self.response_lines(), *self._verdict_lines()])
+        return "\n".join([*lines, *self._dispersion_lines(), *self.response_lines(), *self._verdict_lines(),
+                          *closing(self.report)])
 
     def _rows(self) -> list[dict[str, Any]]:
         """Return a dict of statistics for each channel, prediction or flight, and nominal."""

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from sim.canvas import DPI, panels
 from sim.errors import InputError
 from sim.files import write_text
+from sim.sections import Nominal
 
 from ..charts.figure import figure_json
 from ..charts.page import list_of, page, picture, text
@@ -50,10 +51,10 @@ class Looked:
         return [*said, *([self.refused] if self.refused else []), *self.phases]
 
 
-def looked_at(log: Log) -> Looked:
-    """Return a log with the data check's findings (made without a nominal); its stamps may be unusable."""
+def looked_at(log: Log, nominal: Nominal | None = None) -> Looked:
+    """Return a log with the data check's findings, with the nominal or without; its stamps may be unusable."""
     try:
-        seen = checked(log)
+        seen = checked(log, nominal)
         found, data, refused, phases = seen.faults, seen.data, "", phase_note(log, seen.log, seen.data)
     except InputError as error:   # its clock is none
         found, data, refused, phases = (), columns_alone(log), str(error), ()

@@ -177,6 +177,16 @@ def measured_logs() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in MEASURED_LOGS.glob("*.csv")))
 
 
+def near_files(path: str) -> list[str]:
+    """Return the files beside a missing one, as a user would name them; [] if its folder cannot be read."""
+    folder = os.path.dirname(path)
+    try:
+        names = sorted(os.listdir(folder or "."))
+    except OSError:
+        return []
+    return [os.path.join(folder, name) for name in names if not name.startswith(".")]
+
+
 def locate_log(text: str) -> Path:
     """Return the path `text`, or if it is no file, that of the log of this name that comes with the package."""
     path = Path(text)
@@ -205,8 +215,8 @@ def _opened(path: str) -> Iterator[TextIO]:
     elif not os.path.isfile(path) and not located.is_file():
         what = "neither a file nor a pipe" if os.path.exists(path) else "no such file"
         raise InputError(f"{path}: {what}; " + did_you_mean(
-            path, measured_logs(), f"expected a CSV log with the columns t, theta, beta, or one of "
-            f"{', '.join(measured_logs())}"))
+            path, (*near_files(path), *measured_logs(), *BUILT_IN, *STAND_NOMINALS),
+            f"expected a CSV log with the columns t, theta, beta, or one of {', '.join(measured_logs())}"))
     reads(located)
     with open(located, **AS_TEXT) as file:
         yield file

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from ..first_nominal import First
 
 SIGMAS = 3.0     # standard deviations, by which a number is another than the nominal's or than before
+BEYOND_NOISE = 1.2  # times the error that noise makes, from which a cause is worth looking for
 SPREAD = 2.0     # of the windows' chi square over its degrees of freedom, from which their mean is no summary
 UNIT = "1/s^2"
 
@@ -84,6 +85,88 @@ def of_identified(report: dict[str, Any], log: str, options: str, nominal: str |
     return {"headline": head, "next": report.get("next", follow + options)}
 
 
+def of_cause(cause: str, parameters: dict[str, Any]) -> str:
+    """Return a cause as an engineer would say it; parameters as in the diagnose JSON."""
+    def of(name: str) -> tuple[float, float]:
+        return parameters[name]["value"], parameters[name]["std"] or 0.0
+
+    def share(value: float, std: float, what: str) -> str:
+        return f"{what} is {with_std(100.0 * abs(value), 100.0 * std)} % {'lower' if value < 0.0 else 'higher'}"
+
+    given = {name for name, each in parameters.items() if each["value"] is not None}
+    if cause == "control_loss" and {"time", "fraction"} <= given:
+        fraction, std = of("fraction")
+        return f"from {of('time')[0]:.1f} s on {share(-fraction, std, 'k1')}"
+    for name, what in (("control_effectiveness", "k1"), ("aero_instability", "a6")):
+        if cause == name and "scale" in given:
+            scale, std = of("scale")
+            return share(scale - 1.0, std, f"{what} of the whole flight")
+    sizes = ", ".join(f"{name} {each['value']}" if isinstance(each["value"], str) else
+                      f"{name} {with_std(each['value'], each['std'])} {each['unit']}".strip()
+                      for name, each in parameters.items() if each["value"] is not None)
+    return f"{cause} ({sizes})"
+
+
+def of_diagnosed(report: dict[str, Any], log: str, options: str, nominal: str,
+                 fits: tuple[float, float, float] | None, has_extension: bool) -> dict[str, str]:
+    """Return {"headline", "next"} of the diagnose JSON.
+
+    log, options, nominal  as a command names them;  fits  how well theta is predicted [%] before and after, and how far
+    ahead [s];  has_extension  whether --report writes an extension.toml
+    """
+    again = f"launchid diagnose {log} {nominal} --report report{options}"
+    if report["verdict"] == "bad-data":
+        return {"headline": "The log has faults that leave too little of it; nothing about the vehicle is claimed.",
+                "next": f"launchid show {log}{options}"}
+    if report["verdict"] == "consistent":
+        return {"headline": f"The log is what {nominal} predicts: nothing is wrong that it could show.",
+                "next": f"launchid uncertainty {log} {nominal}{options}"}
+    if not report["causes"]:
+        where = f", at the {report['where']}" if report["where"] else ""
+        return {"headline": f"{nominal} does not predict this log{where}, and no known cause fits.",
+                "next": f"launchid compare {log} {nominal} --report compared{options}"}
+    said = "; ".join(of_cause(each["cause"], each["parameters"]) for each in report["causes"])
+    alike = [each["indistinguishable_from"] for each in report["causes"] if each["indistinguishable_from"]]
+    doubt = f" (or {' or '.join(alike[0])}: this log cannot tell)" if alike else ""
+    gain = "" if fits is None else (f"; predictions of theta {fits[2]:g} s ahead improve from {_percent(fits[0])} to "
+                                    f"{_percent(fits[1])} %")
+    rest = "; something else remains" if report["verdict"] == "dominant" else ""
+    head = f"{said[:1].upper() if said[:3] not in ('a6 ', 'k1 ') else said[:1]}{said[1:]}{doubt}{gain}{rest}."
+    follow = f"launchid identify {log} report/extension.toml{options}" if has_extension else again
+    return {"headline": head, "next": follow}
+
+
+def _percent(x: float) -> str:
+    """Return a fit [%]: with one digit near 100, whole elsewhere; one that is worse than the mean says so."""
+    return f"{x:.1f}" if x > 90.0 else f"{x:.0f}" if x >= 0.0 else "below 0"
+
+
+def of_compared(report: dict[str, Any], log: str, options: str, nominals: Sequence[str]) -> dict[str, str]:
+    """Return {"headline", "next"} of the compare JSON: which nominal predicts best the longest way ahead, and whether
+    that is as well as its declared noise allows.  nominals: as a command names them, in the order of the JSON"""
+    rows = []
+    for each, name in zip(report["nominals"], nominals, strict=True):
+        said = each["channels"].get("theta") or each["channels"].get("theta_dot") or {"ahead": {}}
+        ahead = {h: one for h, one in said["ahead"].items() if one["fit"] is not None}
+        if ahead:
+            h = max(ahead, key=float)
+            noise = ahead[h]["noise_fit"]
+            over = None if noise is None or not noise < 100.0 else (100.0 - ahead[h]["fit"]) / (100.0 - noise)
+            rows.append((ahead[h]["fit"], over, name, h))
+    if not rows:
+        return {"headline": f"No nominal predicts {log} far enough ahead to be judged.",
+                "next": f"launchid show {log}{options}"}
+    fit, over, name, h = max(rows)
+    others = [f"{other} {_percent(x)} %" for x, _, other, _ in sorted(rows, reverse=True)[1:]]
+    beside = f" (beside it {', '.join(others)})" if others else ""
+    if over is None or over <= BEYOND_NOISE:
+        return {"headline": f"{name} predicts theta {h} s ahead to {_percent(fit)} %{beside}, as well as its noise "
+                            "allows.", "next": f"launchid margins {log} {name}{options}"}
+    return {"headline": f"{name} predicts theta {h} s ahead to {_percent(fit)} %{beside}, with {over:.1f} times the "
+                        "error that its noise would make: something is missing.",
+            "next": f"launchid diagnose {log} {name} --report report{options}"}
+
+
 def of_first(numbers: "First", names: str, differing: str) -> dict[str, str]:
     """Return {"headline", "next"} of a first nominal.
 
@@ -96,7 +179,8 @@ def of_first(numbers: "First", names: str, differing: str) -> dict[str, str]:
     said = " and ".join(f"{name} {with_std(value[0], std[0])}" if len(value) == 1 else
                         f"{name} from {with_std(value[0], std[0])} to {with_std(value[-1], std[-1])}"
                         for name, value, std in pairs)
-    late = [] if numbers.delay is None else [f"a delay of {with_std(*(1e3 * x for x in numbers.delay))} ms"]
+    late = [] if numbers.delay is None or not numbers.delay[0] > numbers.delay[1] else [
+        f"a delay of {with_std(*(1e3 * x for x in numbers.delay))} ms"]
     late += [] if numbers.servo is None else [f"a servo of {with_std(*numbers.servo[0])} rad/s"]
     behind = f" behind {' and '.join(late)}" if late else ""
     head = f"{said} {UNIT}{behind}."

@@ -14,6 +14,7 @@ from ...charts.report import NO_FIGURES
 from ...charts.report import drawn as pictures_drawn
 from ...comparison.page import CAPTIONS, pictures_of, summary_table
 from ...comparison.result import Comparison
+from ...results.headline import shown_path
 from ..answer import extension, headline, sizes, would_decide
 from ..verdict import Result
 
@@ -77,7 +78,8 @@ def page(result: Result, answer: dict[str, Any], drawn: Drawn | None, compared: 
         picture(name.partition(".")[0], *PICTURES[name], png, live) for name, png, live in drawn)
     said = (*result.doubts, *result.remaining, *result.notes)
     measured, simulated = Path(result.reading.log.path).name, result.nominal.name
-    nominal = Path(result.nominal.path).name if result.nominal.path else simulated
+    again = f"launchid diagnose {result.reading.log.path} {shown_path(result.nominal.path or simulated)} --report DIR" \
+        + result.reading.raw.options
     return made_page(
         headline(result), f"launchid diagnose: measured {measured} against the simulation of {simulated}",
         COLOURS[result.verdict], _first(result, answer), (
@@ -91,18 +93,17 @@ def page(result: Result, answer: dict[str, Any], drawn: Drawn | None, compared: 
                 (text(name), f"{level['factor']:.3g}" + (" (differs)" if level["significant"] else ""))
                 for name, level in answer["noise"].items()])),
             ("Data check", _data(result)), ("Controller check", _controller(result)),
-            ("To reproduce", f"<pre>{text(f'launchid diagnose {measured} {nominal} --report DIR')}</pre>")))
+            ("To reproduce", f"<pre>{text(again)}</pre>")))
 
 
 def _first(result: Result, answer: dict[str, Any]) -> str:
     """Return the verdict in plain words, as HTML."""
-    said = [f"<p>{text(headline(result))}</p>"]
+    said = [f"<p>{text(answer['headline'])}</p>"]
     if result.named:
         said.append(list_of([f"{text(each.cause)}: {text(sizes(each))}" for each in result.named]))
-    if answer["gain"] is not None and answer["gain"]["before"] is not None:
-        gain = answer["gain"]
-        said.append(f"<p>Predictions {gain['horizon']:g} s ahead are wrong by {gain['before']:.3g} of the motion with "
-                    f"the nominal, by {gain['after']:.3g} with what was fitted.</p>")
+    if extension(result) is not None:
+        said.append('<p>The nominal with what was found: <a href="extension.toml">extension.toml</a>.</p>')
+    said.append(f"<p>Next: {text(answer['next'])}</p>")
     return '<div class="plain">' + "".join(said) + "</div>"
 
 
