@@ -8,8 +8,39 @@ from typing import Any
 
 from sim.errors import UsageError
 
+
+class Default(float):
+    """A default that a user did not choose, so that a command may choose a fitter one."""
+
+
 # s, of every command that is not told another: a few of a loop's own periods, short beside a profile
-DEFAULT_WINDOW = 5.0
+DEFAULT_WINDOW = Default(5.0)
+LEAST_WINDOWS = 3    # of a log, of the default length: a shorter log has shorter ones
+
+
+def window_for(window: Any, log: Any) -> Any:
+    """Return a window's length [s] as it was asked for; the default one is at most a third of the log."""
+    if not isinstance(window, Default):
+        return window
+    t, period = log.t[log.t == log.t], log.check_clock()
+    if period is None:
+        return float(window)
+    rows = round((float(t.max() - t.min()) + period) / period) // LEAST_WINDOWS
+    return min(float(window), max(rows, 1) * period)
+
+
+def window_seconds(window: Any, log: Any) -> float:
+    """Return a window's length [s]: as asked for, the whole log for "all", the default one as `window_for`."""
+    if window == "all":
+        t = log.t[log.t == log.t]
+        return float(t.max() - t.min() + log.period)
+    if isinstance(window, str):
+        try:
+            window = float(window)
+        except ValueError:
+            window = math.nan
+    length = window_for(window, log)
+    return real("--window", length, "seconds or 'all'")
 
 
 def integer(name: str, value: Any, least: int) -> int:

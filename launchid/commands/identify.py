@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 from sim.errors import UsageError
 
 from .. import progress
-from ..argument_checks import DEFAULT_WINDOW, real
+from ..argument_checks import DEFAULT_WINDOW, Default, real, window_for
 from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import (
     LOG_HELP,
@@ -46,7 +46,8 @@ def add(commands: Any) -> None:
                       "launchid identify v.csv --nominal vega_like --window 5 --tracked --plot v.png", identify)
     add_logs(sub, LOG_HELP, f"identify with {NOMINAL_HELP} (default: none, the log alone)")
     sub.add_argument("--window", metavar="S|all",
-                     help="set the length of a window [s], or all: one window, the whole log (default %(default)s)")
+                     help="set the length of a window [s], or all: one window, the whole log (default %(default)s, at "
+                          "most a third of the log)")
     add_choices(sub, "theta,beta,1 without a nominal, else rigid-body")
     sub.add_argument("--tracked", action="store_true",
                      help="also print the tracked estimate (from all samples so far, at each window's end) and sudden "
@@ -133,10 +134,12 @@ def identify(log: LogSources, nominal: NominalSource | None = None, *, window: f
         return joined(found, nominal) if len(found) > 1 else found[0]
     log = read_log(cast("LogSource", log))
     choices = {"solver": solver, "threshold": threshold, "compression": compression, "seed": seed, "noise": noise}
-    window = window if isinstance(window, str) else real("--window", window, "seconds or 'all'")
+    if not isinstance(window, (str, Default)):
+        window = real("--window", window, "seconds or 'all'")
     seen = checked_flight(log, nominal, strict=strict)
     seen, believed, said = with_nozzle(seen, nominal)
     log, said = seen.log, (*seen.warnings, *said)
+    window = window_for(window, log)
     if window == "all":
         refuse_too_long(log)
     weak = is_weak(log, nominal, formulation, library, choices)

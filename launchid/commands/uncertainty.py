@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sim.errors import UsageError
 
-from ..argument_checks import DEFAULT_WINDOW
+from ..argument_checks import DEFAULT_WINDOW, window_seconds
 from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict, given
 from ..results.answer import Answer, flat
@@ -29,8 +29,9 @@ def add(commands: Any) -> None:
     sub.add_argument("log", metavar="LOG.csv", help=LOG_HELP)
     sub.add_argument("nominal", metavar="NOMINAL.toml",
                      help=f"compare the log with the [uncertainty] of {NOMINAL_HELP}")
-    sub.add_argument("--window", type=float, metavar="S",
-                     help="set the length of a window [s] (default %(default)s)")
+    sub.add_argument("--window", metavar="S|all",
+                     help="set the length of a window [s], or all: one window, the whole log (default %(default)s, at "
+                          "most a third of the log)")
     add_map(sub)
     add_strict(sub)
     add_outputs(sub, plot=True)
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> None:
     tell(uncertainty(log, nominal, **given(uncertainty, args)), args.json, args.plot)
 
 
-def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = DEFAULT_WINDOW,
+def uncertainty(log: LogSource, nominal: NominalSource, *, window: float | str = DEFAULT_WINDOW,
                 strict: bool = False) -> UncertaintyLevel:
     """Return where a6 and k1 lie in their declared ranges, window by window, and since when one is outside.
 
@@ -54,8 +55,8 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = DEFAU
     log : path, data frame, mapping of arrays, Log
     nominal : path, name of a built-in one, or Nominal
         With [uncertainty].
-    window : float
-        Length of a window [s].
+    window : float or "all"
+        Length of a window [s]; "all": the whole log is one.
     strict : bool
         Raise InputError where the data check finds a fault.
 
@@ -72,13 +73,14 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float = DEFAU
     nominal = load_nominal(nominal)
     seen = checked(read_log(log), nominal, strict=strict)
     seen, believed, said = with_nozzle(seen, nominal)
+    length = window_seconds(window, seen.log)
     try:
-        estimates = level.follow(seen, believed, window)
+        estimates = level.follow(seen, believed, length)
     except ValueError as error:
         raise UsageError(str(error)) from None
     warnings = (*seen.warnings, *said, *lines(seen, tested(seen, nominal, estimates)),
                 *phase_note(seen.raw, seen.log, seen.data))
-    return UncertaintyLevel(seen.log, nominal, window, estimates, level.report(estimates), warnings)
+    return UncertaintyLevel(seen.log, nominal, length, estimates, level.report(estimates), warnings)
 
 
 @dataclass(frozen=True, eq=False)

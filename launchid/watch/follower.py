@@ -70,7 +70,7 @@ class Follower:
         self._t, self._shown, self._came = math.nan, -math.inf, math.inf
         self.estimates: deque[Estimate] = deque(maxlen=LAST_WINDOWS)
         self._notes: list[str] = []
-        self._last_rows, self._rate, self._stand = LastRows(source), Rate(source), (False, "")
+        self._last_rows, self._rate, self._stand = LastRows(source, window), Rate(source), (False, "")
         self._waiting: deque[Log] = deque(maxlen=MOST_WAITING)  # until the period is known
         self._live_check = LiveCheck(self._ready.sample_period)
         self._is_known, self._refused = period is not None, ""  # is the period sure; why the last one was not used
@@ -155,7 +155,7 @@ class Follower:
                              f"expected at most {WINDOW_ROWS} "
                              f"rows in a window of {self._window:g} s, or --period")
         self.estimator, self._live_check = Estimator(self._config(period)), LiveCheck(period)
-        self.live.head, self._last_rows = self._head(), LastRows(self._source)
+        self.live.head, self._last_rows = self._head(), LastRows(self._source, self._window)
         while self._waiting:
             if len(self._waiting) == 1:   # those before may be of another clock
                 self._last_rows.add(self._waiting[0])

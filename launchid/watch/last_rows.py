@@ -13,14 +13,15 @@ MOST_PIECES = 256      # that are kept one by one
 
 
 class LastRows:
-    """The last rows of a stream, MOST_CHECKED at most, and the data check of them, which runs at CHECKED [s] of rows,
-    again whenever the rows have doubled, and then whenever half of them are new: rest shows no reversed sign.
+    """The last rows of a stream, MOST_CHECKED at most, and the data check of them, which runs at the end of the first
+    window, at CHECKED [s] of rows at the latest, again whenever the rows have doubled, and then whenever half of them
+    are new: rest shows no reversed sign.
 
     is_asked  whether the check has run;  foreign: text naming columns that hold another quantity, "" if none do
     """
 
-    def __init__(self, path: str) -> None:
-        self._path = path
+    def __init__(self, path: str, window: float) -> None:
+        self._path, self._first = path, min(CHECKED, window)
         self._said: set[tuple[str, str | None]] = set()
         self._begin(())
 
@@ -44,7 +45,7 @@ class LastRows:
 
     def checked(self, nominal: Nominal, period: float, ended: bool) -> str:
         """Run the data check if it is due or `ended` (no more rows come); return one line of new findings, else ""."""
-        is_due = self.count >= min(max(CHECKED / period, 2 * self._asked_at), MOST_CHECKED) or ended
+        is_due = self.count >= min(max(self._first / period, 2 * self._asked_at), MOST_CHECKED) or ended
         if not is_due or (self.is_asked and self.count <= self._asked_at):
             return ""
         self.is_asked, self._asked_at = True, self.count
