@@ -62,14 +62,16 @@ def read_log(source: LogSource, required: tuple[str, ...] = DRIVEN, *,
     """Return a log from a path, data frame, mapping of arrays, log, or result that has one.
 
     required  columns that it must have, else InputError; "a or b": one of the two
-    map       MAP.toml for a path to a ULog, MCAP, MAT, HDF5, Parquet or other CSV file
+    map       for a path to a ULog, MCAP, MAT, HDF5, Parquet or other CSV file: MAP.toml, or "px4", "ardupilot",
+              "betaflight", "tvc"
     from_, to first and last time [s of the log's own time] of its rows; "start", "end": all of them, whatever its
               phases; None: the phase in which beta moves the vehicle, if the log has others
     """
     if map is not None:
         from launchid.commands.convert import convert
-        from launchid.convert.mapping import load_map
-        path, mapping = str(as_path(source)), load_map(as_path(map))
+        from launchid.convert.mapping import map_for
+        path = str(as_path(source))
+        mapping = map_for(path, as_path(map))
         mapping = dataclasses.replace(mapping, cut=mapping.cut.but(from_, to, ("from_", "to")))
         return warned(convert(path, mapping, required)).log
     return cut_log(_read(source, required), from_, to, ("from_", "to"))
@@ -82,7 +84,16 @@ def _read(source: LogSource, required: tuple[str, ...]) -> Log:
                                    options=source.options)
     if isinstance(source, (str, os.PathLike)):
         as_path(source)
-        from launchid.convert.readers import refuse_foreign
+        from launchid.convert.readers import map_by_itself, refuse_foreign
+        if own := map_by_itself(os.fspath(source)):
+            from launchid.commands.convert import convert
+            from launchid.convert.mapping import map_for
+            try:
+                mapping = map_for(os.fspath(source), own, was_asked=False)
+            except InputError:
+                refuse_foreign(os.fspath(source))
+                raise
+            return warned(convert(os.fspath(source), mapping, required)).log
         refuse_foreign(os.fspath(source))
         return read_file(os.fspath(source), required)
     if isinstance(source, WithLog) and isinstance(source.log, Log):

@@ -4,7 +4,7 @@ import argparse
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from sim.errors import UsageError
+from sim.errors import InputError, UsageError
 from sim.files import check_folder, check_output, write_text
 
 from ..progress import report
@@ -71,15 +71,21 @@ def read_noting(path: str, *required: str, map_path: str | None = None, from_: s
     from ..log.log import read_log
     from ..log.table import DRIVEN
     report(f"reading {path}")
-    if map_path:
+    from ..convert.readers import map_by_itself, refuse_foreign
+    asked, own = map_path, None if map_path else map_by_itself(path)
+    if map_path or own:
         from ..commands.convert import convert
-        from ..convert.mapping import load_map
-        mapping = load_map(map_path)
+        from ..convert.mapping import map_for
+        try:
+            mapping = map_for(path, map_path or own or "", bool(map_path))
+        except InputError:
+            if own:
+                refuse_foreign(path)   # which says what to do
+            raise
         mapping = replace(mapping, cut=mapping.cut.but(from_, to))
         converted = convert(path, mapping, required or DRIVEN)
         warn(converted)
-        return replace(converted.log, options=_options(map_path, from_, to))
-    from ..convert.readers import refuse_foreign
+        return replace(converted.log, options=_options(asked, from_, to))
     refuse_foreign(path)
     log = read_log(path, required or DRIVEN)
     if log.ignored:

@@ -119,9 +119,10 @@ def logs_of(args: argparse.Namespace) -> tuple[list[str], list[str]]:
 
 def add_map(sub: argparse.ArgumentParser) -> None:
     """Add --map, which reads files of other formats, names and units as logs, and --from, --to, which cut a log."""
-    sub.add_argument("--map", metavar="MAP.toml",
-                     help="read the log with this map of names and units: a ULog, DataFlash, MCAP, MAT, HDF5, Parquet "
-                          "or other text file; see docs/convert.md (default: none, the log is CSV in SI units)")
+    sub.add_argument("--map", metavar="NAME|MAP.toml",
+                     help="read the log with this map of names and units, px4 | ardupilot | betaflight | tvc or a "
+                          "file: a ULog, DataFlash, MCAP, MAT, HDF5, Parquet or other text file; see "
+                          "docs/convert.md (default: what the file says it is, else CSV in SI units)")
     sub.add_argument("--from", dest="from_", metavar="T|start",
                      help="use the log's rows from this time on, s of its own time; start: from the first row on, all "
                           "phases (default: the phase in which beta moves the vehicle, or all)")

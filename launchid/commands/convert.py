@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> None:
     """Run `launchid convert` with its parsed arguments: write the log, or print the channels of the file (--list)."""
     if not args.list and not (args.map and args.out):
         raise UsageError("convert: expected --map MAP.toml and --out LOG.csv, or --list")
-    from ..convert.mapping import load_map
-    mapping = load_map(args.map) if args.map else None
+    from ..convert.mapping import map_for
+    mapping = map_for(args.flight, args.map) if args.map else None
     mapping = mapping and dataclasses.replace(mapping, cut=mapping.cut.but(args.from_, args.to))
     if args.list:
         lines, notes = channel_lines(args.flight, mapping.options if mapping else {})

@@ -44,7 +44,8 @@ def run(args: argparse.Namespace) -> None:
     """Run `launchid watch` with its parsed arguments: follow the source until it or Ctrl-C ends, print the result."""
     from sim.errors import UsageError
 
-    from ..convert.mapping import load_map
+    from ..convert.mapping import load_map, map_for
+    from ..convert.named import NAMES
     from ..convert.readers import foreign_format, refuse_foreign
     from ..log.cut import WHOLE
     from ..watch.sources import Source, Whole, open_source
@@ -52,7 +53,7 @@ def run(args: argparse.Namespace) -> None:
     if not 0 <= args.http < 1 << 16:
         raise UsageError(f"--http {args.http}: expected a port of 0 (any free one) to 65535")
     nominal = read_nominal(nominal_of(args) or "")
-    mapping = load_map(args.map) if args.map else None
+    mapping = (map_for(args.source, args.map) if args.map in NAMES else load_map(args.map)) if args.map else None
     cut = (mapping.cut if mapping else WHOLE).but(args.from_, args.to)
     mapping = mapping and replace(mapping, cut=cut)
     source: Source

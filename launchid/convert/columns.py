@@ -36,7 +36,7 @@ def converted(path: str, mapping: Map, required: tuple[str, ...]) -> tuple[Log, 
     """Return the log that a map makes of a flight's file, and notes for the user (what was left out or corrected)."""
     channels = read_channels(path, mapping.options, mapping.channels())
     columns = mapped(path, channels, mapping)
-    return mapping.cut.of_whole(log_of(columns, path, required)), (*channels.notes, *columns.notes)
+    return mapping.cut.of_whole(log_of(columns, path, required)), (*mapping.notes, *channels.notes, *columns.notes)
 
 
 def mapped(path: str, channels: Mapping[str, np.ndarray], mapping: Map) -> Channels:

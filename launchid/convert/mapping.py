@@ -3,16 +3,17 @@
 import math
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from sim.csv_text import shown
-from sim.errors import InputError, UsageError
+from sim.errors import InputError, UsageError, did_you_mean
 from sim.files import reads
 
 from ..log.cut import END, START, WHOLE, Cut
 from ..log.log import OPTIONAL, REQUIRED, SHORTEST_STEP
+from . import named
 from .text import HEAD_LINES
 
 TIME_UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}   # in a second
@@ -62,6 +63,7 @@ class Map:
     options  of a text file, see `text.read_text`
     period   [s] of rows without stamps; None: they have stamps
     cut      the rows that are used, of the log's own time
+    notes    one line each: what a map by name took for what
     """
 
     path: str
@@ -73,6 +75,7 @@ class Map:
     options: dict[str, Any]
     period: float | None = None
     cut: Cut = WHOLE
+    notes: tuple[str, ...] = ()
 
     def channels(self) -> frozenset[str]:
         """Return the names of all channels that the map can need of a file: of its sources and their stamps."""
@@ -80,19 +83,52 @@ class Map:
         return stamps.union(*(source.channels for source in self.sources))
 
 
+def map_for(flight: str | Path, path: str | Path, was_asked: bool = True) -> Map:
+    """Return the map of a flight's file: a named one (px4, ardupilot, betaflight, tvc), one read from `path`, or one
+    that says by `base` which named one it begins with.
+
+    was_asked  the user named it;  InputError, in one line, if it cannot be used or the file lacks what it names
+    """
+    path, flight = str(path), str(flight)
+    is_name = path in named.NAMES and not Path(path).exists()
+    table = {"base": path} if is_name else _read(path)
+    base = table.pop("base", None)
+    if base is None:
+        return _Reader(path, table).map()
+    if base not in named.NAMES:
+        raise InputError(f"{path}: base = {_cut(base)}: " + did_you_mean(
+            str(base), named.NAMES, f"expected one of {', '.join(named.NAMES)}"))
+    from .readers import read_channels
+    options = table.get("file")
+    channels = read_channels(flight, options if isinstance(options, dict) else {})
+    made = named.table_of(base, flight, channels, table)
+    said = named.notes(base, flight, made, was_asked)
+    return replace(_Reader(f"map {base}" if is_name else path, made).map(), notes=tuple(said))
+
+
 def load_map(path: str | Path) -> Map:
     """Read and check a map; raise InputError, in one line that names file and key, if it cannot be used."""
     path = str(path)
+    table = _read(path)
+    if "base" in table:
+        raise InputError(f"{path}: base = {_cut(table['base'])} is for a file that is there, whose channels tell the "
+                         "rest; expected [time] and [columns]")
+    return _Reader(path, table).map()
+
+
+def _read(path: str) -> dict[str, Any]:
+    """Return a map's TOML table; InputError, in one line, if it is none."""
     try:
         reads(path)
-        table = tomllib.loads(Path(path).read_bytes().decode("utf-8"))
+        return tomllib.loads(Path(path).read_bytes().decode("utf-8"))
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); expected a map, see docs/convert.md") from None
+        wanted = did_you_mean(path, named.NAMES, f"expected a map, or one of {', '.join(named.NAMES)}, see "
+                              "docs/convert.md")
+        raise InputError(f"{path}: cannot be read ({error.strerror}); {wanted}") from None
     except (UnicodeDecodeError, ValueError) as error:
         raise InputError(f"{path}: {str(error).splitlines()[0]}") from None
     except RecursionError:
         raise InputError(f"{path}: nested too deeply; expected a map, see docs/convert.md") from None
-    return _Reader(path, table).map()
 
 
 def _stamps(sources: tuple[Source, ...], time: str) -> frozenset[str]:

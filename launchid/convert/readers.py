@@ -14,13 +14,16 @@ import zlib
 from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO
 
+from sim.csv_text import AS_TEXT
 from sim.errors import InputError, UsageError, extras_named
-from sim.files import reads
+from sim.files import is_read, reads
 
+from . import named
 from .messages import read_dataflash, read_mcap, read_ulog
 from .text import MOST_NUMBERS, NOT_ASKED, Channels, Wanted, is_asked, read_text, too_large
 
 FIRST_BYTES = 128         # the header of a MAT file
+LONGEST_HEADER = 4096     # characters of a first line that may be a log's header
 LONGEST_NAME = 64         # of a MATLAB variable, with its end
 MAT_OPAQUE = 17
 MATLAB_ONLY = {3, 16, MAT_OPAQUE}   # classes of variables: objects, functions, and of these no library knows
@@ -268,6 +271,21 @@ def foreign_format(path: str) -> str | None:
     except OSError:
         return None
     return next((name for magic, name, _ in FORMATS if magic(first)), None)
+
+
+def map_by_itself(path: str) -> str | None:
+    """Return the named map that a file is read with if nobody names one: by its format, or by the header of a table of
+    text that is no log; None if it is not unambiguous."""
+    if foreign := foreign_format(path):
+        return named.OF_FORMAT.get(foreign)
+    if not os.path.isfile(path) or is_read(path):
+        return None
+    try:
+        with open(path, **AS_TEXT) as file:
+            names = {each.strip() for each in file.readline(LONGEST_HEADER).split(",")}
+        return None if {"t", "theta"} & names else named.recognised(read_channels(path, {}))
+    except (InputError, OSError, UnicodeDecodeError):
+        return None
 
 
 def refuse_foreign(path: str) -> None:

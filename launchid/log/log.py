@@ -28,7 +28,7 @@ from sim.errors import InputError, did_you_mean
 from sim.files import is_read, reads, write_text
 from sim.result import Result
 
-from .table import DRIVEN, EITHER, OPTIONAL, REQUIRED, Columns, places
+from .table import DRIVEN, EITHER, OPTIONAL, REQUIRED, Columns, first_of, places
 
 if TYPE_CHECKING:
     from sim.flight import Flight
@@ -234,7 +234,7 @@ def read_log(path: str | Path, required: tuple[str, ...] = DRIVEN) -> Log:
             read = rows(path, file)
             header = next(read, None)
             if header is None:
-                raise InputError(f"{path}: empty file; expected a header with {', '.join(required)}")
+                raise InputError(f"{path}: empty file; expected a header with {first_of(required)}")
             columns = Columns(path, header[1], required, f"line {header[0]}: ")
             values = columns.read(read)
     except OSError as error:
@@ -246,7 +246,7 @@ def _made(path: str, values: dict[str, np.ndarray], required: tuple[str, ...], i
     """Return the log of these columns; InputError if no row has all required ones finite."""
     there = [[np.isfinite(values[each]) for each in name.split(EITHER) if each in values] for name in required]
     if not np.logical_and.reduce([np.logical_or.reduce(each) for each in there]).any():
-        raise InputError(f"{path}: no usable row; expected rows with finite {', '.join(required)}")
+        raise InputError(f"{path}: no usable row; expected rows with finite {first_of(required)}")
     return log_of_values(path, values, ignored)
 
 

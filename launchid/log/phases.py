@@ -46,6 +46,7 @@ AWAY = 0.5           # of the range of attitude and rate in flight, by which the
 CALM = 0.25          # of the walk's variance in the reference, that a calmer flight may have
 SHARED = (-0.25, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.48, 0.495)  # of the variance, that neighbouring changes share
 MOST_SHARED = 0.4999  # the same of white noise alone: a half
+OTHER_TIMES, PLACEBO = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85), 0.25  # of the log; of what beta saves, in nats
 SAME_TRIM, SAME_SLOPE, SAME_DAMPING = 0.5, 0.1, 0.05  # of what beta does in the reference, one sigma of what the
 #                      constant, theta and the rate do otherwise elsewhere
 THIRD = 20.0         # variances of white noise that its third difference has
@@ -101,6 +102,8 @@ def phases_of(log: Log, data: DataCheck) -> list[Phase]:
     if not gains or not max(gains) > 0.5 * SIGMAS**2:
         return []
     reference = int(np.argmax(gains))
+    if _is_placebo(hops, *parts[reference][:2]):
+        return []
     parts = _refined(sums, parts, reference)
     labels = _labels(hops, parts, reference)
     runs = [[*part[:2], label] for part, label in zip(parts, labels, strict=True)]
@@ -211,6 +214,20 @@ def _gain(sums: _Sums, first: int, end: int) -> float:
     """Return by how many nats beta explains the stretch better than nothing does."""
     moves, does_not, _ = sums.likelihoods(np.array([first]), np.array([end]))[0]
     return float(moves - does_not)
+
+
+def _is_placebo(hops: _Hops, first: int, end: int) -> bool:
+    """Whether beta of another time of the log explains a stretch at least PLACEBO as well as beta does: then it is no
+    input of this motion, and tells no phase."""
+    y, beside = hops.y[first:end], hops.x[first:end, :2]
+
+    def saved(lags: np.ndarray) -> float:
+        x = np.column_stack([beside, lags[first:end]])
+        left = [square(y - combined(each, least_squares(each, y, 1e-9))) for each in (beside, x)]
+        return math.log(max(left[0], FLOOR) / max(left[1], FLOOR))
+
+    own, n = saved(hops.x[:, 2:]), len(hops.y)
+    return any(saved(np.roll(hops.x[:, 2:], round(share * n), axis=0)) > PLACEBO * own for share in OTHER_TIMES)
 
 
 def _edge(sums: _Sums, before: list[int], after: list[int]) -> int:

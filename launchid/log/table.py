@@ -43,6 +43,11 @@ def numbers(cells: Sequence[str]) -> list[float] | None:
     return None if None in values else values  # type: ignore[return-value]
 
 
+def first_of(required: tuple[str, ...]) -> str:
+    """Return the required columns by commas, of two that will do the first."""
+    return ", ".join(name.split(EITHER)[0] for name in required)
+
+
 def places(path: str, header: list[str], required: tuple[str, ...], where: str = "line 1: ") -> dict[str, int]:
     """Return column name -> index in a header; InputError (`where`: its line) if a name is repeated or missing."""
     names = [name.strip() for name in header]
@@ -55,7 +60,7 @@ def places(path: str, header: list[str], required: tuple[str, ...], where: str =
         either = name.split(EITHER)
         if not set(either) & set(names):
             raise InputError(f"{path}: {where}{_without(either[0], names)}; expected a header with "
-                             f"{', '.join(each.split(EITHER)[0] for each in required)}")
+                             f"{first_of(required)}")
     return {name: k for k, name in enumerate(names)}
 
 

@@ -162,7 +162,6 @@ def test_bad_stamps_and_values_are_data_and_counted(launchid, tmp_path):
 
 @every("words", [
     [], ["fly"], ["identify"], ["simulate", "constant"], ["identify", "LOG", "--colour", "red"],
-    ["identify", "LOG", "constant", "extra"],
     *(["identify", "LOG", option, value] for option, values in {
         "--formulation": ("weak", "filtered", "measured"), "--solver": ("omp", ""),
         "--library": ("nonsense", "", "theta^9"), "--window": ("soon", "0", "-1", "nan", "inf", "0.02", "1e9"),

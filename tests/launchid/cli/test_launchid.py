@@ -97,7 +97,8 @@ def test_a_log_is_the_same_however_it_comes(folder):
                    launchid.simulate(folder / "n.toml", seed=3), identified):
         other = launchid.read_log(source)
         assert all(np.array_equal(x, getattr(other, name)) for name, x in log.measured().items())
-    assert launchid.identify(log.measured(), window=10).report == identified.report
+    other = launchid.identify(log.measured(), window=10).report
+    assert {**other, "next": None} == {**identified.report, "next": None}   # which names the log
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars"])

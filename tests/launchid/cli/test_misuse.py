@@ -142,7 +142,7 @@ def folder(tmp_path, monkeypatch):
     ("identify x.csv --formulation intgral", 2, "did you mean integral?"),
     ("diagnose vega_like flight.csv", 3, "the log comes first"),
     (f"diagnose {WRITTEN} flight.csv", 3, "the log comes first"),
-    (f"diagnose {REVERSED} {REVERSED}", 3, "comes before the nominal"),
+    (f"diagnose {REVERSED} {REVERSED}", 2, "expected diagnose LOG"),
     ("simulate vega --out x.csv", 3, "did you mean vega_like?"),
     ("identify dfki_pendulum_dircl", 3, "did you mean dfki_pendulum_dircol?"),
     ("simulate constant --out x.csv --effect control_los:fraction=0.1", 2, "did you mean control_loss?"),

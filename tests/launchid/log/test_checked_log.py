@@ -205,8 +205,8 @@ def test_every_command_takes_the_checked_log():
         read = set().union(*imported(path).values()) & {"read_log", "read_noting", "read_each", "open_source"}
         if read and path.stem not in makers:
             names = imported(ROOT / doors.get(path.stem, f"commands/{path.name}"))
-            assert (names.get("log.check", set()) & {"checked", "examined"}) or "LiveCheck" in names.get(
-                "log.live", set()), path
+            assert (names.get("log.check", set()) & {"checked", "examined"}) or "checked_flight" in names.get(
+                "log.phases", set()) or "LiveCheck" in names.get("log.live", set()), path
     assert isinstance(checked(log_of(flights.fly(2.0))), CheckedLog)
 
 

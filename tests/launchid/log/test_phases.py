@@ -96,6 +96,13 @@ def test_wind_is_no_phase():
         assert phases(launchid.simulate(nominal, seed=seed).log) == []
 
 
+def test_a_beta_of_another_time_tells_no_phase():
+    log = launchid.simulate("constant", seed=1).log
+    for share in (0.3, 0.4, 0.6):
+        n = round(share * len(log.t))
+        assert phases(replace(log, beta=np.roll(log.beta, n), beta_cmd=np.roll(log.beta_cmd, n))) == []
+
+
 def test_too_little_to_tell_is_one_phase():
     log = log_of(fly(Rocket(), 11))
     assert phases(launchid.read_log(log, from_=2.5, to=4.0)) == []
