@@ -5,12 +5,12 @@ import functools
 
 import numpy as np
 import pytest
-from test_diagnosis import NOMINAL, short
+from test_diagnosis import short
 
 from launchid.diagnosis.adapter import read
 from launchid.diagnosis.model import Model
 from launchid.diagnosis.verdict import diagnose
-from launchid.likelihood.estimate import evaluate, fit_levels
+from launchid.likelihood.estimate import evaluate
 from launchid.log.log import flown_log
 from sim.effects import from_text
 from sim.flight import fly_whole
