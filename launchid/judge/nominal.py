@@ -65,8 +65,10 @@ class NominalTest:
         """What to do next where no window is valid; "" else."""
         if self.is_other:
             return "identify with the nominal of the vehicle that flew, or without one"
-        return "" if self.mode is None else (f"declare [[bending]] near {self.mode.frequency:.3g} rad/s in the nominal; "
-                                             "`launchid diagnose` tells its size")
+        if self.mode is None:
+            return ""
+        return (f"declare [[bending]] near {self.mode.frequency:.3g} rad/s in the nominal; `launchid diagnose` tells its "
+                "size")
 
     def line(self, nominal: Nominal) -> str:
         """Return one line that says which numbers do not fit; "" if all do."""
