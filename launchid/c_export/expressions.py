@@ -34,8 +34,16 @@ if TYPE_CHECKING:
     from .kernel import Kernel
     from .program import Unit
 
-# how tightly they bind
-ATOM, UNARY, PRODUCT, SUM, PRECEDENCE_OF_ORDER, EQUALITY, AND, OR, CHOICE = 20, 14, 13, 12, 10, 9, 5, 4, 3
+# how tightly C's operators bind
+ATOM = 20
+UNARY = 14
+PRODUCT = 13
+SUM = 12
+PRECEDENCE_OF_ORDER = 10
+EQUALITY = 9
+AND = 5
+OR = 4
+CHOICE = 3
 SYMBOLS = {ast.Mult: ("*", PRODUCT), ast.Div: ("/", PRODUCT), ast.Add: ("+", SUM), ast.Sub: ("-", SUM)}
 COMPARISONS = {ast.Lt: "<", ast.Gt: ">", ast.LtE: "<=", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
 C_CONSTANTS = {"inf": literal(math.inf), "nan": literal(math.nan)}

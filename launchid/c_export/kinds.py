@@ -22,7 +22,10 @@ class Scalar:
     c: str
 
 
-FLOAT, INTEGER, TRUTH, VOID = Scalar("double"), Scalar("int64_t"), Scalar("bool"), Scalar("void")
+FLOAT = Scalar("double")
+INTEGER = Scalar("int64_t")
+TRUTH = Scalar("bool")
+VOID = Scalar("void")
 DIMENSIONS = "nmk"     # how the C structs call the extents of an array
 ELEMENTS = {"f": FLOAT, "i": INTEGER, "b": TRUTH}
 TYPE_NAMES = {FLOAT: ("Vector", "Matrix", "Cube"), INTEGER: ("Integers", "IntegerMatrix", "IntegerCube"),

@@ -28,7 +28,9 @@ VECTORS_SEED = 1
 FEWEST_SAMPLES = 300   # of a flight
 NO_NUMBER = 0x7FF8000000000000  # every NaN
 OFFSETS = ("thrust_misalignment", "moment", "attitude_bias", "gyro_bias", "nozzle_sensor_bias")
-NOT_MEASURED, INF, HUGE = math.nan, math.inf, 1e300
+NOT_MEASURED = math.nan
+INF = math.inf
+HUGE = 1e300           # its square overflows
 PRIME = 0x100000001B3  # FNV-1a's
 UPSETS = Path(__file__).parent / "upsets.txt"
 

@@ -18,9 +18,9 @@ from ..gate.window import knows_nothing, knows_one_direction
 from ..kernels import inner, kernel
 from ..model import N_NOISES
 from . import kalman as kf
+from . import modes as md
+from . import servo as sv
 from . import states as sx
-from .modes import doubt_of_modes, start_modes
-from .servo import doubt_of
 from .whiteness import forget_blocks, note_loss, queue_block
 
 BLOCK = 0.1             # s: the step of tracking, of change detection and of the check; in whole samples, one at least
@@ -33,6 +33,8 @@ LEAST_WIND = math.log(0.02)  # of a log level of the wind: lower ones change not
 LEVEL_RELAXES = 0.97     # of a log level in BLOCK, while the model is contradicted: 3 s
 LEAST_DRIFT = 1.0e-9    # relative, 1/s: of one that is declared beside another that is not
 RANK_TOLERANCE = 1.0e-12  # of the levels' information: below it a level is not known at all
+OFFSET_TIME = 6000.0    # s: in it an offset may change by its whole spread, one sigma; by 11 % in 70 s
+ABSURD_LEVEL = 12.0     # of a noise level's logarithm: a factor 160,000 either way is no sensor's
 LEVEL_MEMORY = 0.9995   # what is left after BLOCK of what was known: noise levels may change over minutes
 
 
@@ -83,6 +85,28 @@ def believe_nuisances(belief, fil, acc, t):
             acc.window[k, last] += w * fil.s[k, belief.size.servo_at + j] * fil.servo.about[j]
         for j in range(belief.size.numbers):
             acc.window[k, last] += w * fil.s[k, belief.size.number_at + j] * fil.modes.about[j]
+
+
+@inner
+def free_offsets(belief, fil, span):
+    """Let each offset wander by what it may change in `span` [s].
+
+    An offset is a constant to a window.  Over a flight no misalignment and no bias is, and a filter that believed so
+    would hold on for ever to how an offset and a6 once were related.
+    """
+    for k in range(sx.N_STATES, sx.N_STATES + belief.size.nuisances):
+        spread = belief.spread[k - sx.N_STATES]
+        if belief.level[k - sx.N_STATES] < 0:
+            fil.p[k, k] += spread * spread * span / OFFSET_TIME
+
+
+@inner
+def restart_window(fixed, state, t):
+    """Drop this block and the window so far; begin one after t [s]."""
+    clear_window(fixed.belief.size, state.acc)
+    believe_nuisances(fixed.belief, state.filter, state.acc, t)
+    state.acc.score[:] = 0.0
+    state.acc.information[:, :] = 0.0
 
 
 @inner
@@ -163,9 +187,9 @@ def doubt_of_prediction(belief, fil, work, channel):
     if size.servo + size.numbers > 0:
         kf.apply_h(belief, fil.s[:], channel, out, size.sensitivities)
         if size.servo > 0:
-            doubt = doubt_of(size, fil.servo, out[size.servo_at:])
+            doubt = sv.doubt_of(size, fil.servo, out[size.servo_at:])
         if size.numbers > 0:
-            doubt += doubt_of_modes(belief, fil.modes, out[size.number_at:])
+            doubt += md.doubt_of_modes(belief, fil.modes, out[size.number_at:])
     return doubt
 
 
@@ -200,7 +224,7 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
                 acc.window[i, j] = 0.0
         set_identity(belief.size, acc.psi)
         if belief.size.modes > 0:
-            start_modes(belief, air, fil)
+            md.start_modes(belief, air, fil)
         believe_nuisances(belief, fil, acc, t)
         forget_blocks(check)
     else:
@@ -499,11 +523,11 @@ def report_window(belief, profile, state, work, t_centre):
     if knows_one_direction(std_a, std_k, correlation):
         return wn.SEPARATION
     for j in range(belief.size.terms):
-        out.xi[j, wn.THETA_REPEATS] = coefficient[j]
-        out.support[j, wn.THETA_REPEATS] = state.active[j]
-    out.xi[theta, wn.THETA_REPEATS] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0
-    out.xi[beta, wn.THETA_REPEATS] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
-    out.a6, out.k1 = out.xi[theta, wn.THETA_REPEATS], out.xi[beta, wn.THETA_REPEATS]
+        out.xi[j, wn.ATTITUDE] = coefficient[j]
+        out.support[j, wn.ATTITUDE] = state.active[j]
+    out.xi[theta, wn.ATTITUDE] = a6 * (1.0 + coefficient[theta]) if state.active[theta] else 0.0
+    out.xi[beta, wn.ATTITUDE] = k1 * (1.0 + coefficient[beta]) if state.active[beta] else 0.0
+    out.a6, out.k1 = out.xi[theta, wn.ATTITUDE], out.xi[beta, wn.ATTITUDE]
     out.a6_std, out.k1_std = out.a6_bound, out.k1_bound
     if state.active[theta]:
         out.std[theta] = out.a6_std
@@ -513,3 +537,66 @@ def report_window(belief, profile, state, work, t_centre):
     if not np.isfinite(out.a6 + out.k1):
         return wn.NUMERICS
     return wn.OK
+
+
+# ---- servo and modes that are not known; what cannot be
+
+
+@kernel
+def update_servo(block):
+    """Add what the block says of the servo to what is known of it; what is not known of it widens what the block says
+    of a6 and k1, and is no noise.  While the model is contradicted what was learned of it fades as the levels do."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    belief, fil, acc, servo = fixed.belief, state.filter, state.acc, state.filter.servo
+    sv.widen_pair(belief, fil, work.acc)
+    reduce_pair(belief.size, work.acc)
+    unknown = 0.0  # of the block's expected squares
+    for i in range(belief.size.columns):
+        row = work.acc.triangle[i]
+        unknown += sv.doubt_of(belief.size, servo, row[belief.size.servo_at:])
+    if unknown / max(acc.counts.rows, 1) > sv.UNSETTLED:
+        acc.score[:] = 0.0
+        acc.information[:, :] = 0.0
+    if state.check.raised == 1:
+        sv.fade_servo(belief.size, servo, work.acc, left_after(belief.constant.block_share, LEVEL_RELAXES))
+    sv.learn_servo(belief, fil, work.acc)
+    sv.solve_servo(belief.size, servo)
+
+
+@kernel
+def update_numbers(block):
+    """Add what the block says of the modes' numbers to what is known of them, as `update_servo` does of the servo's."""
+    fixed, state, work = block[0].fixed, block[0].state, block[0].work
+    belief, fil, acc, modes = fixed.belief, state.filter, state.acc, state.filter.modes
+    md.widen_pair(belief, fil, work.acc)
+    reduce_pair(belief.size, work.acc)
+    unknown = 0.0
+    for i in range(belief.size.columns):
+        row = work.acc.triangle[i]
+        unknown += md.doubt_of_modes(belief, modes, row[belief.size.number_at:])
+    if unknown / max(acc.counts.rows, 1) > sv.UNSETTLED:
+        acc.score[:] = 0.0
+        acc.information[:, :] = 0.0
+    dt, _ = span_of(fixed, state)
+    if state.check.raised == 1:
+        md.forget_numbers(belief, modes, left_after(belief.constant.block_share, LEVEL_RELAXES))
+    md.age_numbers(belief, modes, dt)
+    md.learn_numbers(belief, fil, work.acc)
+
+
+@inner
+def is_sound(size, fil, total):
+    """Whether what is carried over the whole flight can be: all finite, no variance below 0, no absurd noise level."""
+    sound = np.isfinite(total.mean_a6 + total.mean_k1 + total.cov + total.var_a6 + total.var_k1)
+    sound = sound and total.var_a6 >= 0.0 and total.var_k1 >= 0.0
+    for i in range(size.states):
+        sound = sound and np.isfinite(fil.x[i])
+        for j in range(size.states):
+            sound = sound and np.isfinite(fil.p[i, j])
+    for j in range(size.servo):
+        sound = sound and np.isfinite(fil.servo.mean[j])
+    for j in range(size.numbers):
+        sound = sound and np.isfinite(fil.modes.mean[2 + j])
+    for k in range(size.levels):
+        sound = sound and abs(fil.level[k]) <= ABSURD_LEVEL
+    return sound

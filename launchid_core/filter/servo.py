@@ -20,9 +20,9 @@ from ..kernels import inner, kernel
 from ..model import SERVO
 from . import states as sx
 
-SERVO_ORDER = 12
+SERVO_ORDER = 12                # of the exponential's series
 SCALED = 0.25                   # norm of the matrix whose exponential is summed; the remainder is below 1e-17
-MAX_SQUARINGS = 24
+MAX_SQUARINGS = 24              # of a matrix whose norm is 4e6 at most
 SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
 
@@ -107,10 +107,12 @@ BY_FREQUENCY, BY_DAMPING, BY_DELAY = range(N_SERVO)
 SERVO_BETA, SERVO_BETA_DOT, SERVO_COMMAND, SERVO_CHANGE = range(4)
 
 SERVO_DIFFERENCE = 1.0e-3  # of a central difference: relative frequency, damping ratio, delay over the sample period
-LEAST_FACTOR, MOST_FACTOR = 0.1, 10.0  # of the nominal's frequency and damping: no filter is linearised about others
+# of the nominal's frequency and damping: no filter is linearised about others
+LEAST_FACTOR = 0.1
+MOST_FACTOR = 10.0
 SETTLED_SIGMAS = 0.2    # standard deviations: from an estimate so near the filter need not move
-CURVED = 2.0            # of a move's square: by so much what was learned before counts as wrong; 0.5, the part that is
-# not linear, is too little
+# of a move's square: by so much what was learned before counts as wrong.  0.5, what is not linear of it, is too little
+CURVED = 2.0
 UNSETTLED = 0.2         # share of a block's squares by what is unknown of the servo, beyond which it tells of no noise
 
 

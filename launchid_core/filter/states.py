@@ -59,5 +59,6 @@ SLOPE_A6, SLOPE_K1, MOMENT_TEST, GYRO_TEST = range(4)
 N_SLOPES = 2
 MAX_DELAY_SAMPLES = 64
 
-# process noise (index of the command's and the acceleration's levels)
-COMMAND_NOISE, ACCELERATION_NOISE = 3, 4
+# process noises among the levels
+COMMAND_NOISE = 3
+ACCELERATION_NOISE = 4

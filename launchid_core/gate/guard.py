@@ -13,7 +13,7 @@ Not guarded: the counters of answers, and the last outcome, which the next windo
 no place and no count of rows is used that does not lie within its array (`is_control_whole`, `onboard.check_block`).
 
 What is not as it was left is not used: the kernel answers RECOVERED and the caller begins anew.  So does it where what
-is carried is no longer sound: not finite, or absurd (`onboard.is_sound`).
+is carried is no longer sound: not finite, or absurd (`filtered.is_sound`).
 """
 
 import numpy as np

@@ -6,7 +6,7 @@ from ..kernels import inner
 from ..status import EstimateStatus
 
 EQUATIONS = 3  # theta_dot, theta_ddot, beta_dot
-THETA_REPEATS = 1  # the equation that a6 and k1 live in
+ATTITUDE = 1   # place of theta_ddot's equation, which a6 and k1 live in
 
 OK, SHORT, GAP, RANK, LOW_INFORMATION, SATURATED, NUMERICS, MODEL, SEPARATION, STUCK, _ = map(int, EstimateStatus)
 

@@ -32,8 +32,8 @@ FILTERED_ENTRIES = (
 STRUCTURE_ENTRIES = (structure.learn_structure, structure.choose_terms, filtered.limit_terms)
 RANGE_ENTRIES = (onboard.follow_range,)
 MODE_ENTRIES = (modes.set_modes, modes.relinearise_modes)
-NUMBER_ENTRIES = (modes.widen_mode_check, onboard.update_numbers, modes.open_rigid)
-SERVO_ENTRIES = (servo.set_servo_step, servo.widen_check, onboard.update_servo, servo.relinearise_servo)
+NUMBER_ENTRIES = (modes.widen_mode_check, filtered.update_numbers, modes.open_rigid)
+SERVO_ENTRIES = (servo.set_servo_step, servo.widen_check, filtered.update_servo, servo.relinearise_servo)
 REGRESSION_ENTRIES = (regression.push_sample, regression.open_window, regression.end_window,
                       regression.restart_regression)
 

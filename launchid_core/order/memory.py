@@ -175,20 +175,16 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
     profile[:] = np.transpose([model.profile_t, model.profile_a6, model.profile_k1])
     sigma[:] = np.transpose([model.sigma_t, model.sigma_a6, model.sigma_k1])
     constant = belief.constant
+    for line in tb.CONSTANT.lines:  # what has a name of the model is filled by it
+        if hasattr(model, line.name):
+            setattr(constant, line.name, getattr(model, line.name))
     constant.frequency = model.natural_frequency
     constant.damping = model.damping_ratio
-    constant.time_constant = model.time_constant
-    constant.delay = model.delay
     constant.controller_period = config.sample_period
     constant.missing = config.missing_commands
     constant.held = float(model.walk > 0.0 or model.turbulence > 0.0)
     constant.airy = float(bool(model.forecast_t or model.drift_t or model.moment_t))
-    constant.turbulence_time = model.turbulence_time
-    constant.gamma_std = model.gamma_std
     constant.lean = model.known_lean
-    constant.gyro_scale = model.gyro_scale
-    constant.command_gain = model.command_gain
-    constant.command_offset = model.command_offset
     constant.offset[:] = model.known_theta, model.known_theta_dot, model.known_beta
     constant.saturation[:] = config.theta_saturation, config.theta_dot_saturation, config.beta_saturation
     constant.aero_damping = model.known_damping

@@ -7,15 +7,14 @@ Entries are shallow, for numba compiles all that an entry calls into it; `update
 as in C.  What a configuration does without (structure, range) is in entries of its own, which are not compiled then.
 """
 
-import numpy as np
 
-from ..algebra.elementary import exp_of, log_of
+from ..algebra.elementary import exp_of
 from ..filter import filtered as fl
 from ..filter import modes as md
 from ..filter import servo as sv
 from ..filter import states as sx
 from ..filter import whiteness as wh
-from ..filter.kalman import begins_anew, spread_at
+from ..filter.kalman import begins_anew
 from ..filter.structure import PRIOR, choose_terms, learn_structure
 from ..gate import guard as gd
 from ..gate import ring as rb
@@ -23,7 +22,6 @@ from ..gate import window as wn
 from ..gate.guard import fold_words, mixed, seal_integer
 from ..gate.stuck import stands_still
 from ..kernels import inner, kernel
-from ..model import TURBULENCE
 from ..watch import changes as ch
 from ..watch import gusts as gu
 from ..watch import report as rp
@@ -31,65 +29,8 @@ from ..watch import tracker as tr
 from ..watch import undeclared as un
 from ..watch.uncertainty import close_range, restart_gauge, watch_range
 
-OFFSET_TIME = 6000.0  # s: in it an offset may change by its whole spread, one sigma; by 11 % in 70 s
 TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
-ABSURD_LEVEL = 12.0  # of a noise level's logarithm: a factor 160,000 either way is no sensor's
 NOTHING, CLOSE, SET_STEP = range(3)  # what is to be done after `gather`
-
-
-@inner
-def restate_declared(belief, fil, bank, work, dt):
-    """Tell the quick member again what is declared of the constants that nobody knows.
-
-    A constant offset is tied to the deviations p, x + s (p - p_bar), by the data that do not tell them apart; as the
-    member lets p wander over SLOPE_TIME, it would take the offset along, beyond anything declared.
-    """
-    n, quickest = belief.size.states, len(tr.MEMBERS) - 1
-    theta, beta = n + belief.size.theta, n + belief.size.beta
-    for k in range(sx.N_STATES, sx.N_STATES + belief.size.nuisances):
-        role = belief.role[k - sx.N_STATES]
-        if role == TURBULENCE:
-            continue
-        variance = spread_at(belief, fil, k - sx.N_STATES, fil.time.last)
-        known = 1.0 - fil.p[k, k] / variance
-        if not known > 0.0:
-            continue
-        w = np.sqrt(known / variance * dt / tr.SLOPE_TIME)
-        z = w * (fil.s[k, theta] * fil.p_bar[sx.A6] + fil.s[k, beta] * fil.p_bar[sx.K1] - fil.x[k])
-        tr.absorb(bank.mean[quickest], bank.covariance[quickest], work, w * fil.s[k, theta], w * fil.s[k, beta], z)
-    if belief.size.nuisances > 0:
-        tr.mix(bank)
-
-
-@inner
-def accept_gust(belief, state, factor, dt):
-    """Let the filter take over wind that has likely begun; returns whether it has.
-
-    It has if it explains the blocks as well as a jump: in the mixture it has paid for being rare, the jump, whose log
-    Bayes factor against the mixture is `factor`, has not.  It may have been a loss of k1 after all, which a quiet loop
-    tells no better from a gust: k1 is open as after an alarm, so that the tracked estimate follows it and says that it
-    is not known.
-    """
-    gust = state.gust
-    a, k = belief.size.gust - 2, belief.size.gust - 1
-    if belief.size.gust == 0 or gust.probability <= gu.GUST_PROBABILITY or factor >= log_of(gu.MEAN_CALM / dt):
-        return False
-    gu.take_gust(belief, state.filter, state.acc, gust)
-    tr.restart_bank(belief.slopes[:], state.bank, gust.mean[a], gust.mean[k], gust.covariance[a, a],
-                    gust.covariance[a, k], gust.covariance[k, k] + ch.JUMP_STD * ch.JUMP_STD)
-    state.watch.counts.kept = 0
-    wh.forget_blocks(state.check)
-    gu.forget_gust(gust)
-    return True
-
-
-@inner
-def restart_window(fixed, state, t):
-    """Drop this block and the window so far; begin one after t [s]."""
-    fl.clear_window(fixed.belief.size, state.acc)
-    fl.believe_nuisances(fixed.belief, state.filter, state.acc, t)
-    state.acc.score[:] = 0.0
-    state.acc.information[:, :] = 0.0
 
 
 @inner
@@ -162,48 +103,6 @@ def gather(block, ring, rows, profile, air, code):
 
 
 @kernel
-def update_servo(block):
-    """Add what the block says of the servo to what is known of it; what is not known of it widens what the block says
-    of a6 and k1, and is no noise.  While the model is contradicted what was learned of it fades as the levels do."""
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    belief, fil, acc, servo = fixed.belief, state.filter, state.acc, state.filter.servo
-    sv.widen_pair(belief, fil, work.acc)
-    fl.reduce_pair(belief.size, work.acc)
-    unknown = 0.0  # of the block's expected squares
-    for i in range(belief.size.columns):
-        row = work.acc.triangle[i]
-        unknown += sv.doubt_of(belief.size, servo, row[belief.size.servo_at:])
-    if unknown / max(acc.counts.rows, 1) > sv.UNSETTLED:
-        acc.score[:] = 0.0
-        acc.information[:, :] = 0.0
-    if state.check.raised == 1:
-        sv.fade_servo(belief.size, servo, work.acc, fl.left_after(belief.constant.block_share, fl.LEVEL_RELAXES))
-    sv.learn_servo(belief, fil, work.acc)
-    sv.solve_servo(belief.size, servo)
-
-
-@kernel
-def update_numbers(block):
-    """Add what the block says of the modes' numbers to what is known of them, as `update_servo` does of the servo's."""
-    fixed, state, work = block[0].fixed, block[0].state, block[0].work
-    belief, fil, acc, modes = fixed.belief, state.filter, state.acc, state.filter.modes
-    md.widen_pair(belief, fil, work.acc)
-    fl.reduce_pair(belief.size, work.acc)
-    unknown = 0.0
-    for i in range(belief.size.columns):
-        row = work.acc.triangle[i]
-        unknown += md.doubt_of_modes(belief, modes, row[belief.size.number_at:])
-    if unknown / max(acc.counts.rows, 1) > sv.UNSETTLED:
-        acc.score[:] = 0.0
-        acc.information[:, :] = 0.0
-    dt, _ = fl.span_of(fixed, state)
-    if state.check.raised == 1:
-        md.forget_numbers(belief, modes, fl.left_after(belief.constant.block_share, fl.LEVEL_RELAXES))
-    md.age_numbers(belief, modes, dt)
-    md.learn_numbers(belief, fil, work.acc)
-
-
-@kernel
 def track_block(block):
     """The tracker takes the block; returns its log density without a sudden change."""
     fixed, state, work = block[0].fixed, block[0].state, block[0].work
@@ -216,7 +115,7 @@ def track_block(block):
     triangle = work.acc.block
     still = tr.track(belief.slopes[:], bank, work.bank, tr.TRACKER_MEMORY, dt, triangle)
     still -= 0.5 * triangle[2, 2] * triangle[2, 2]
-    restate_declared(belief, fil, bank, work.bank, dt)
+    tr.restate_declared(belief, fil, bank, work.bank, dt)
     return gu.follow_gust(belief, fil, state.gust, work.gust[:], work.acc.pair, before, dt, still)
 
 
@@ -231,14 +130,10 @@ def detect_change(block, still):
     factor, slot, kind = ch.follow_onsets(size.states, watch, work.bank, work.acc.column[:], work.acc.pair, fil.s, dt,
                                        still)
     if not factor > ch.THRESHOLD or state.check.raised == 1:
-        event, newest = watch.event, (watch.counts.events - 1) % ch.MAX_EVENTS
-        settled = watch.counts.events > 0 and watch.counts.since >= ch.SETTLE
-        if settled and event.stage[newest] == ch.OPEN:
-            ch.size_event(watch, newest, bank.total)
-            event.stage[newest] = ch.FINAL
-        moved = state.check.raised == 0 and accept_gust(fixed.belief, state, factor, dt)
+        ch.settle_event(watch, bank.total)
+        moved = state.check.raised == 0 and gu.accept_gust(fixed.belief, state, factor, dt)
         if moved:
-            restart_window(fixed, state, t_end)
+            fl.restart_window(fixed, state, t_end)
         return moved
     before = watch.before
     blocks = (watch.counts.next - 1 - slot) % sx.CHANGE_BLOCKS + 1
@@ -251,7 +146,7 @@ def detect_change(block, still):
     if size.undeclared > 0:
         un.go_back(state.undeclared, blocks)
     gu.forget_gust(state.gust)
-    restart_window(fixed, state, t_end)
+    fl.restart_window(fixed, state, t_end)
     return True
 
 
@@ -288,11 +183,7 @@ def end_block(block):
         first = sx.FIRST_STD * sx.FIRST_STD
         tr.restart_bank(fixed.belief.slopes[:], bank, total.mean_a6, total.mean_k1, first, 0.0, first)
     if check.beyond_chance == 1:
-        for k in range(min(state.watch.counts.events, ch.MAX_EVENTS)):  # what began lately was no change
-            event = state.watch.event
-            if event.time[k] > t_end - wh.LONGEST_MEMORY and event.stage[k] != ch.WITHDRAWN:
-                event.stage[k] = ch.WITHDRAWN
-                fil.note.withdrawn_changes += 1
+        fil.note.withdrawn_changes += ch.withdraw_since(state.watch, t_end - wh.LONGEST_MEMORY)
     acc.counts.rows = 0
     fl.begin_block(fixed.belief, fil, acc)
 
@@ -305,9 +196,9 @@ def close_block(size, block, rows, profile):
         md.widen_mode_check(block)
     fl.reduce_rows(block, rows)
     if size.servo > 0:
-        update_servo(block)
+        fl.update_servo(block)
     if size.numbers > 0:
-        update_numbers(block)
+        fl.update_numbers(block)
     un.follow_undeclared(block, profile)
     still = track_block(block)
     if not detect_change(block, still):
@@ -385,18 +276,11 @@ def solve_closed(block, ring, profile):
 
 @kernel
 def begin_next_window(block):
-    """Begin the next window after the last sample: nothing is known but what is declared.
-
-    Offsets are constants to a window.  Over a flight no misalignment and no bias is, and a filter that believed so
-    would hold on for ever to how an offset and a6 once were related (`OFFSET_TIME`).
-    """
+    """Begin the next window after the last sample: nothing is known but what is declared."""
     fixed, state = block[0].fixed, block[0].state
-    belief, p = fixed.belief, state.filter.p
+    belief = fixed.belief
     state.check.in_window = state.check.raised
-    for k in range(sx.N_STATES, sx.N_STATES + belief.size.nuisances):
-        spread = belief.spread[k - sx.N_STATES]
-        if belief.level[k - sx.N_STATES] < 0:
-            p[k, k] += spread * spread * fixed.limits.window / OFFSET_TIME
+    fl.free_offsets(belief, state.filter, fixed.limits.window)
     fl.clear_window(belief.size, state.acc)
     fl.believe_nuisances(belief, state.filter, state.acc, state.filter.time.last)
     state.counts.estimates = 1
@@ -432,30 +316,12 @@ def follow_range(block, sigma, code):
             close_range(sigma, state.gauge, total, clock.closed + fixed.limits.window)
 
 
-@inner
-def is_sound(size, fil, total):
-    """Whether what is carried over the whole flight can be: all finite, no variance below 0, no absurd noise level."""
-    sound = np.isfinite(total.mean_a6 + total.mean_k1 + total.cov + total.var_a6 + total.var_k1)
-    sound = sound and total.var_a6 >= 0.0 and total.var_k1 >= 0.0
-    for i in range(size.states):
-        sound = sound and np.isfinite(fil.x[i])
-        for j in range(size.states):
-            sound = sound and np.isfinite(fil.p[i, j])
-    for j in range(size.servo):
-        sound = sound and np.isfinite(fil.servo.mean[j])
-    for j in range(size.numbers):
-        sound = sound and np.isfinite(fil.modes.mean[2 + j])
-    for k in range(size.levels):
-        sound = sound and abs(fil.level[k]) <= ABSURD_LEVEL
-    return sound
-
-
 @kernel
 def seal_block(block, rows, words, code):
     """All stays as it is until the next block; the status, or RECOVERED where memory is damaged."""
     fixed, state = block[0].fixed, block[0].state
     state.guard.carried = seal_carried(state, words, rows)
-    if not is_sound(fixed.belief.size, state.filter, state.bank.total):
+    if not fl.is_sound(fixed.belief.size, state.filter, state.bank.total):
         return gd.give_up(state.counts, code)
     state.guard.control = gd.seal_control(state.clock, state.counts)
     return code

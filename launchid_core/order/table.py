@@ -27,8 +27,11 @@ from ..watch import undeclared as un
 from ..watch.tracker import MEMBERS
 from ..watch.uncertainty import OUT
 
-F8, I8 = np.dtype(np.float64), np.dtype(np.int64)
-FIXED, STATE, WORK = "fixed", "state", "work"  # never changes in flight; persists between samples; scratch
+F8 = np.dtype(np.float64)
+I8 = np.dtype(np.int64)
+FIXED = "fixed"  # never changes in flight
+STATE = "state"  # persists between samples
+WORK = "work"    # scratch
 
 
 class Size(NamedTuple):

@@ -21,7 +21,7 @@ from ..kernels import inner, kernel
 from . import rows as rw
 from .residual import report_attitude
 
-EQUATION_ORDER = (0, 2, wn.THETA_REPEATS)  # of the equations: the last one's factor stays, for its standard deviations
+EQUATION_ORDER = (0, 2, wn.ATTITUDE)  # of the equations: the last one's factor stays, for its standard deviations
 RANK_TOLERANCE = 1.0e-12  # on standardised columns of unit norm: 4 digits above rounding
 RATE_ARGUMENT = 1         # theta_dot, as the argument of a term's function
 
@@ -137,7 +137,7 @@ def open_window(block, words, ring, seals, rows, marks, columns):
 @inner
 def keep_equation(fixed, work, out, e, is_solved):
     """The coefficients of equation e into the outcome; returns OK, RANK or NUMERICS."""
-    if not is_solved and e == wn.THETA_REPEATS:
+    if not is_solved and e == wn.ATTITUDE:
         return wn.RANK
     for j in range(fixed.size.terms):
         if is_solved and not np.isfinite(work.xi[j]):

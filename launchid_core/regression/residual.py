@@ -224,7 +224,7 @@ def report_attitude(fixed, work, out, rows, marks, at, series, n, free):
     series (2 + q, count)  scratch;  n  rows of the window;  free  rows kept less what the pieces' means took
     """
     q, plan, count = fixed.size.terms, fixed.plan, at.shape[1]
-    y, drift = at[q + wn.THETA_REPEATS], at[q + wn.EQUATIONS:].reshape((rw.PAIR * count,))
+    y, drift = at[q + wn.ATTITUDE], at[q + wn.EQUATIONS:].reshape((rw.PAIR * count,))
     size = q
     if plan.sparse == 1:
         for j in range(q):

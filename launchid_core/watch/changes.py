@@ -151,3 +151,23 @@ def size_event(state, k, belief):
     event.a6_after[k], event.k1_after[k] = belief.mean_a6, belief.mean_k1
     event.a6_variance[k] = state.reference.var_a6 + belief.var_a6
     event.k1_variance[k] = state.reference.var_k1 + belief.var_k1
+
+
+@inner
+def settle_event(state, belief):
+    """Size the last event for good once SETTLE blocks have passed since its onset."""
+    last = (state.counts.events - 1) % MAX_EVENTS
+    if state.counts.events > 0 and state.counts.since >= SETTLE and state.event.stage[last] == OPEN:
+        size_event(state, last, belief)
+        state.event.stage[last] = FINAL
+
+
+@inner
+def withdraw_since(state, t):
+    """Withdraw the events that began after t [s]: what the model contradicts was no change; return how many."""
+    event, withdrawn = state.event, 0
+    for k in range(min(state.counts.events, MAX_EVENTS)):
+        if event.time[k] > t and event.stage[k] != WITHDRAWN:
+            event.stage[k] = WITHDRAWN
+            withdrawn += 1
+    return withdrawn

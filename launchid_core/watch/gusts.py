@@ -11,8 +11,11 @@ from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import carry_columns, carry_vector, measure
 from ..filter import states as sx
 from ..filter.filtered import move_wind_level
+from ..filter.whiteness import forget_blocks
 from ..kernels import inner
 from ..model import WALK
+from .changes import JUMP_STD
+from .tracker import restart_bank
 
 MEAN_CALM = 60.0    # s from a gust to the next after calm, in the mean
 GUST_LASTS = 3.0    # s
@@ -145,3 +148,25 @@ def take_gust(belief, fil, acc, gust):
         if is_unexpected(belief, fil, j):
             at = belief.level[j]
             move_wind_level(belief.size.levels, fil, acc, at, -fil.level[at])
+
+
+@inner
+def accept_gust(belief, state, factor, dt):
+    """Let the filter take over wind that has likely begun; returns whether it has.
+
+    It has if it explains the blocks as well as a jump: in the mixture it has paid for being rare, the jump, whose log
+    Bayes factor against the mixture is `factor`, has not.  It may have been a loss of k1 after all, which a quiet loop
+    tells no better from a gust: k1 is open as after an alarm, so that the tracked estimate follows it and says that it
+    is not known.
+    """
+    gust = state.gust
+    a, k = belief.size.gust - 2, belief.size.gust - 1
+    if belief.size.gust == 0 or gust.probability <= GUST_PROBABILITY or factor >= log_of(MEAN_CALM / dt):
+        return False
+    take_gust(belief, state.filter, state.acc, gust)
+    restart_bank(belief.slopes[:], state.bank, gust.mean[a], gust.mean[k], gust.covariance[a, a],
+                 gust.covariance[a, k], gust.covariance[k, k] + JUMP_STD * JUMP_STD)
+    state.watch.counts.kept = 0
+    forget_blocks(state.check)
+    forget_gust(gust)
+    return True

@@ -10,7 +10,9 @@ import numpy as np
 from ..algebra.elementary import exp_of, log_of
 from ..algebra.linsolve import measure
 from ..filter import states as sx
+from ..filter.kalman import spread_at
 from ..kernels import inner
+from ..model import TURBULENCE
 
 # (random walk [relative per sqrt(s)], standard deviation of the slope [relative per s]) of each member
 STEADY = (0.0015, 0.0)     # 1.3 % in 70 s
@@ -124,3 +126,27 @@ def track(slopes, state, work, memory, dt, block):
         total += state.weight[i] * exp_of(work.density[i] - best)
     mix(state)
     return best + log_of(total)
+
+
+@inner
+def restate_declared(belief, fil, bank, work, dt):
+    """Tell the quick member again what is declared of the constants that nobody knows.
+
+    A constant offset is tied to the deviations p, x + s (p - p_bar), by the data that do not tell them apart; as the
+    member lets p wander over SLOPE_TIME, it would take the offset along, beyond anything declared.
+    """
+    n, quickest = belief.size.states, len(MEMBERS) - 1
+    theta, beta = n + belief.size.theta, n + belief.size.beta
+    for k in range(sx.N_STATES, sx.N_STATES + belief.size.nuisances):
+        role = belief.role[k - sx.N_STATES]
+        if role == TURBULENCE:
+            continue
+        variance = spread_at(belief, fil, k - sx.N_STATES, fil.time.last)
+        known = 1.0 - fil.p[k, k] / variance
+        if not known > 0.0:
+            continue
+        w = np.sqrt(known / variance * dt / SLOPE_TIME)
+        z = w * (fil.s[k, theta] * fil.p_bar[sx.A6] + fil.s[k, beta] * fil.p_bar[sx.K1] - fil.x[k])
+        absorb(bank.mean[quickest], bank.covariance[quickest], work, w * fil.s[k, theta], w * fil.s[k, beta], z)
+    if belief.size.nuisances > 0:
+        mix(bank)

@@ -19,9 +19,13 @@ from ..filter.whiteness import KEEPS_CHANGING, NO_VERDICT, contradicted_by, quie
 from ..kernels import inner, kernel
 from .tracker import DRIFTING, MEMBERS, TRACKER_SLOPE, TRACKER_WALK, move
 
-WIND_STATES, LEAN_STATE = 4, 5  # of a filter's state: a6, k1, their slopes, w, d
+# a filter's state: a6, k1, their slopes, w, d
+WIND_STATES = 4            # place of w, and of the first that is no a6 or k1
+LEAN_STATE = 5             # place of d
 UNDECLARED_SIZE = 6
-CONSTANT, NEW = 0, 1       # the filters
+# the filters
+CONSTANT = 0               # of w and d that have been there for long
+NEW = 1                    # of such that began or ended lately
 FILTERS = 2
 N_BLOCK_COLUMNS = 4        # columns of a block: a6, k1, acceleration, right-hand side
 UNDECLARED_STD = 0.1       # rad

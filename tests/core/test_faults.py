@@ -19,13 +19,13 @@ from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
-from launchid_core.order import onboard as ob
+from launchid_core.filter import filtered
 from launchid_core.order.memory import named_arrays
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 from sim.sections import Offsets, Wind
 
-is_sound = unjitted(ob.is_sound)
+is_sound = unjitted(filtered.is_sound)
 NAN, INF = math.nan, math.inf
 JIT = not numba.config.DISABLE_JIT
 PERIOD = 0.01

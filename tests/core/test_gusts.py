@@ -11,7 +11,6 @@ from unjitted import unjitted
 
 from launchid.identification.windows import onboard_model, run
 from launchid_core import Config, Estimator
-from launchid_core.order import onboard as ob
 from launchid_core.watch import gusts as gu
 from sim.effects import from_text
 from sim.flight import Flight, fly_whole
@@ -25,7 +24,7 @@ BELIEF = np.array([0.1, -0.2, 0.01, 0.002, 0.02])  # mean of a6, of k1, their va
 FAR = 4.0  # own standard deviations
 
 mix_gust, blow, see_block, carry_gust, follow_gust, accept_gust = map(
-    unjitted, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, ob.accept_gust))
+    unjitted, (gu.mix_gust, gu.blow, gu.see_block, gu.carry_gust, gu.follow_gust, gu.accept_gust))
 
 
 def config(nominal=DECLARED, window: float = 1.0) -> Config:

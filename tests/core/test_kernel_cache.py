@@ -2,101 +2,21 @@
 
 On a package of four modules: two entries of `a` call a kernel of `b`, which takes a constant of `c`; nobody needs `d`.
 
-Processes that have imported numba already: a server, itself a new interpreter, forks one for each run.
-
-Importing numba and compiling a first function takes a second and a half, of which nothing is the project's: a test that
-needs many processes of this project on the same numba starts them here.  What numba reads from the environment when it
-is imported is the server's; a test of that starts a process of its own.
+Each run is a process of its own, which imports numba: a second and a half, so most of the cases are in the campaign.
 """
 
-import atexit
-import functools
-import json
 import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
 import numba
 import pytest
 
-SERVER = """
-import atexit, json, os, sys
-import numba
-numba.njit(lambda x: x + 1.0)(1.0)
-for line in sys.stdin:
-    code, words, folder, environment, out, err, waited = json.loads(line)
-    if waited:
-        print(os.waitstatus_to_exitcode(os.waitpid(waited, 0)[1]), flush=True)
-        continue
-    child = os.fork()
-    if child:
-        print(child, flush=True)
-        continue
-    for number, path in ((1, out), (2, err)):
-        os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
-    os.environ.clear()
-    os.environ.update(environment)
-    os.chdir(folder)
-    sys.path[:0] = environment["PYTHONPATH"].split(os.pathsep)
-    sys.dont_write_bytecode = True
-    sys.argv[1:] = words
-    status = 1
-    try:
-        exec(compile(code, "<run>", "exec"), {"__name__": "__main__"})
-        status = 0
-    finally:
-        atexit._run_exitfuncs()
-        sys.stdout.flush()
-        if status:
-            import traceback
-            traceback.print_exc()
-        sys.stderr.flush()
-        os._exit(status)
-"""
-
-
-@functools.cache
-def _server() -> subprocess.Popen:
-    variables = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "NUMBA_CACHE_DIR", "LAUNCHID_CACHE")}
-    server = subprocess.Popen([sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-                              env=variables, cwd=tempfile.gettempdir())
-    atexit.register(server.communicate)  # which ends its input, and so the server
-    return server
-
-
-def _asked(*words: object) -> int:
-    server = _server()
-    assert server.stdin is not None and server.stdout is not None
-    server.stdin.write(json.dumps(words) + "\n")
-    server.stdin.flush()
-    return int(server.stdout.readline())
-
-
-class Forked:
-    """A run of the server; as much of `subprocess.Popen` as its tests need."""
-
-    def __init__(self, code: str, words: tuple[str, ...], folder: Path, environment: dict[str, str]) -> None:
-        handle, self._out = tempfile.mkstemp(dir=folder)
-        os.close(handle)
-        self._err = f"{self._out}.err"
-        self.pid = _asked(code, words, str(folder), environment, self._out, self._err, 0)
-        self.returncode: int | None = None
-
-    def kill(self) -> None:
-        """Kill the process at once."""
-        os.kill(self.pid, signal.SIGKILL)
-
-    def communicate(self) -> tuple[str, str]:
-        """The output of the process, at its end."""
-        self.returncode = _asked("", (), "", {}, "", "", self.pid)
-        return tuple(Path(path).read_text() if Path(path).exists() else "" for path in (self._out, self._err))
-
-
 ROOT = Path(__file__).resolve().parents[2]
+CAMPAIGN = pytest.mark.campaign
 POSIX = pytest.mark.skipif(os.name != "posix", reason="POSIX owners, modes and limits")
 SOURCES = {"__init__": "", "c": "FACTOR = 3.0\n", "d": "OTHER = 1\n", "a": """
 from launchid_core import compiled
@@ -156,12 +76,10 @@ class Toy:
         path.write_text(text)
         os.utime(path, (time.time() - 100,) * 2)  # edited a while ago, and always then
 
-    def start(self, *words: str, code: str = RUN, **variables: str) -> subprocess.Popen | Forked:
+    def start(self, *words: str, code: str = RUN, **variables: str) -> subprocess.Popen:
         environment = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "LAUNCHID_CACHE")}
         environment |= {"PYTHONPATH": f"{self.root}{os.pathsep}{ROOT}", "PYTHONDONTWRITEBYTECODE": "1",
                         "LAUNCHID_CACHE": str(self.cache), **variables}
-        if code is not HOST and not {name for name in variables if name.startswith("NUMBA")}:
-            return Forked(code, words, self.root, environment)
         program = self.root / "program.py"
         program.write_text(code)
         return subprocess.Popen([sys.executable, program, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -171,7 +89,7 @@ class Toy:
         """The values that the entries return, and how many kernels were compiled."""
         return self.result(self.start(code=code, **variables))
 
-    def result(self, process: subprocess.Popen | Forked) -> tuple[float, float, int]:
+    def result(self, process: subprocess.Popen) -> tuple[float, float, int]:
         out, err = process.communicate()
         assert (process.returncode, err) == (0, "")
         one, two, made = out.split()
@@ -206,21 +124,21 @@ def test_a_kernel_is_compiled_once_and_kept_outside_the_packages(toy):
 def test_an_edit_compiles_anew_what_imports_the_file_whatever_its_time_and_size(toy):
     assert toy.run() == COLD
     for edited, old, new, result in (("a", "+ 1", "+ 2", (8.0, 5.0, 2)), ("c", "3.0", "4.0", (9.0, 7.0, 3)),
-                                     ("b", "x * F", "x + F", (6.0, 4.0, 3)), ("d", "1", "2", WARM),
-                                     ("__init__", "", "OTHER = 3\n", WARM)):
+                                     ("d", "1", "2", WARM)):
         toy.write(edited, SOURCES[edited].replace(old, new))
         assert toy.run() == result, edited
         toy.write(edited, SOURCES[edited])
     assert toy.run() == WARM, "what was kept of the first is still good"
 
 
-@pytest.mark.parametrize("variables", [{"NUMBA_BOUNDSCHECK": "1"},
-                                       pytest.param({"NUMBA_OPT": "1"}, marks=pytest.mark.campaign)])
+@CAMPAIGN
+@pytest.mark.parametrize("variables", [{"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_OPT": "1"}])
 def test_numba_s_settings_are_told_apart(toy, variables):
     assert toy.run() == toy.run(**variables) == COLD
     assert toy.run(**variables) == WARM
 
 
+@CAMPAIGN
 def test_a_folder_that_nobody_used_for_long_is_deleted(toy):
     (toy.cache / "kernels").mkdir(parents=True, mode=0o700)
     old, new = (toy.cache / "kernels" / name for name in ("sim.a-1", "sim.a-2"))
@@ -234,6 +152,7 @@ def test_a_folder_that_nobody_used_for_long_is_deleted(toy):
 # ---- where
 
 
+@CAMPAIGN
 def test_numba_s_own_variable_is_honoured(toy):
     mine = toy.root / "mine"
     assert toy.run(LAUNCHID_CACHE="", NUMBA_CACHE_DIR=str(mine)) == COLD
@@ -241,7 +160,7 @@ def test_numba_s_own_variable_is_honoured(toy):
     assert len(toy.kept("mine")) == 3 and toy.kept() == []
 
 
-@pytest.mark.parametrize("chosen", [False, pytest.param(True, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("chosen", [False, pytest.param(True, marks=CAMPAIGN)])
 def test_a_host_s_own_kernels_stay_where_numba_puts_them(toy, chosen):
     mine = toy.root / ("mine" if chosen else "__pycache__")
     variables = {"NUMBA_CACHE_DIR": str(mine)} if chosen else {}
@@ -250,7 +169,8 @@ def test_a_host_s_own_kernels_stay_where_numba_puts_them(toy, chosen):
     assert [path.name for path in toy.kept() if "mine" in path.name] == []
 
 
-@pytest.mark.parametrize("where", ["a file", "below a file", "no home"])
+@pytest.mark.parametrize("where", [
+    "a file", pytest.param("below a file", marks=CAMPAIGN), pytest.param("no home", marks=CAMPAIGN)])
 def test_an_unwritable_cache_is_no_error(toy, where):
     (toy.root / "file").write_text("")
     place = {"a file": "file", "below a file": "file/below", "no home": ""}[where]
@@ -261,6 +181,7 @@ def test_an_unwritable_cache_is_no_error(toy, where):
 
 
 @POSIX
+@CAMPAIGN
 @pytest.mark.parametrize("disk", ["ro", "size=64k"])
 def test_a_read_only_cache_or_a_full_disk_is_no_error(toy, disk):
     toy.cache.mkdir()
@@ -299,7 +220,9 @@ def lead_elsewhere(toy: Toy, folder: Path) -> None:
 
 
 @POSIX
-@pytest.mark.parametrize(("unsafe", "compiled"), [(widen, 2), (widen_above, 3), (give_away, 2), (lead_elsewhere, 2)])
+@pytest.mark.parametrize(("unsafe", "compiled"), [
+    (widen, 2), pytest.param(widen_above, 3, marks=CAMPAIGN), pytest.param(give_away, 2, marks=CAMPAIGN),
+    pytest.param(lead_elsewhere, 2, marks=CAMPAIGN)])
 def test_a_folder_that_others_may_write_to_is_neither_read_nor_written(toy, unsafe, compiled):
     assert toy.run() == COLD
     unsafe(toy, toy.folder())
@@ -317,16 +240,19 @@ DAMAGES = {   # suffix of the files -> what becomes of their bytes; None: they a
     "something else": ("nbc", lambda data: bytes(range(256)) * (len(data) // 256 + 1))}
 
 
-def test_a_damaged_file_is_compiled_anew(toy):
+@pytest.mark.parametrize("name", [
+    "cut short", *(pytest.param(name, marks=CAMPAIGN) for name in DAMAGES if name != "cut short")])
+def test_a_damaged_file_is_compiled_anew(toy, name):
     assert toy.run() == COLD
-    for name, (suffix, damage) in DAMAGES.items():
-        for path in toy.kept(suffix=suffix):
-            data = damage(path.read_bytes())
-            path.unlink() if data is None else path.write_bytes(data)
-        assert toy.run() == COLD, name
-        assert toy.run() == WARM, name
+    suffix, damage = DAMAGES[name]
+    for path in toy.kept(suffix=suffix):
+        data = damage(path.read_bytes())
+        path.unlink() if data is None else path.write_bytes(data)
+    assert toy.run() == COLD
+    assert toy.run() == WARM
 
 
+@CAMPAIGN
 def test_processes_that_need_the_same_kernel_at_once_do_each_other_no_harm(toy):
     at = str(time.time() + 2.0)
     results = [toy.result(process) for process in [toy.start(at) for _ in range(3)]]
@@ -334,6 +260,7 @@ def test_processes_that_need_the_same_kernel_at_once_do_each_other_no_harm(toy):
     assert toy.run() == WARM
 
 
+@CAMPAIGN
 def test_of_a_killed_process_all_is_kept_but_the_kernel_in_work(toy):
     """And a process that starts meanwhile deletes nothing of it."""
     many = 20

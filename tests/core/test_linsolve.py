@@ -453,3 +453,19 @@ def test_laeuchli_matrix_whose_gram_matrix_is_singular(power):
     # the condition is sqrt(2)/e: the sum of the coefficients is well determined, their difference is not
     assert math.isclose(x[0] + x[1], 2 * float(exact), rel_tol=16 * EPS)
     assert abs(x[0] - x[1]) <= 16 * EPS / e
+
+
+# ---- rotations
+
+
+def test_a_rotation_turns_two_rows_so_that_one_element_is_nothing():
+    rng, turn = np.random.default_rng(3), unjitted(linsolve.turn)
+    for length in range(1, 20):
+        a, b = rng.normal(size=(2, length))
+        pivot, given = int(rng.integers(0, length)), np.array((a, b))
+        turn(a, b, pivot, length)
+        assert abs(b[pivot]) < 1e-15 and math.isclose(a[pivot], math.hypot(*given[:, pivot]), rel_tol=1e-15)
+        assert np.allclose(np.array((a, b)).T @ np.array((a, b)), given.T @ given, rtol=0.0, atol=1e-14)
+    a, b = np.array([0.0, 3.0]), np.array([0.0, 4.0])
+    turn(a, b, 0, 2)   # no direction: nothing turns
+    assert a.tolist() == [0.0, 3.0] and b.tolist() == [0.0, 4.0]

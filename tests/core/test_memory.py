@@ -5,13 +5,12 @@ import dataclasses
 import numba
 import numpy as np
 import pytest
-from cut import flip
 from numba.core import event
 from shortened import CALM, WINDY
 
 from launchid.identification.windows import onboard_model
 from launchid.robustness.level import ranged_model
-from launchid_core import Config, Estimator, Status
+from launchid_core import Config, Estimator
 from launchid_core.algebra.library import MAX_TERMS, polynomial
 from launchid_core.order import entries, memory, table
 from launchid_core.order.memory import size_of
@@ -49,45 +48,7 @@ def flown(config: Config, samples: int = 230) -> Estimator:
     return estimator
 
 
-def carried_in_use(config: Config) -> np.ndarray:
-    """A mask of the words that are carried on and sealed: those that belong to the extents in use."""
-    held = Estimator(config)._memory
-    held.words[:] = 0
-    for _, array in memory.named_arrays(held.parts):
-        array.view(np.int64)[...] = -1
-    return held.words != 0
-
-
 # ---- the extents in use
-
-
-@pytest.mark.parametrize("name", CONFIGS)
-def test_after_a_flight_every_word_that_is_sealed_and_outside_the_extents_in_use_is_zero(name):
-    """The seal of the whole is therefore that of C, which has these extents alone."""
-    estimator = flown(CONFIGS[name])
-    words, used = estimator._memory.words, carried_in_use(CONFIGS[name])
-    assert estimator.counts["WINDOW_COMPLETE"] >= 4 and words[used].any()
-    assert not words[~used].any()
-
-
-@pytest.mark.parametrize("name", CONFIGS)
-def test_a_word_outside_the_extents_in_use_that_flips_is_seen_and_forgotten(name):
-    """The word is zero again in an estimator begun anew: what is saved then goes on anywhere else."""
-    estimator, other = flown(CONFIGS[name], 205), Estimator(CONFIGS[name])
-    saved, words = estimator.save(), estimator._memory.words
-    spare = np.flatnonzero(~carried_in_use(CONFIGS[name])).tolist()
-    samples = list(fly_whole(CALM, 5).samples())[2105:2160]
-    for turn, place in enumerate(spare[::max(1, len(spare) // 5)]):
-        flip(words, place, 7 * turn % 63)
-        assert [estimator.update(sample) for sample in samples].count(Status.RECOVERED) == 1, place
-        assert words[place] == 0, place
-        other.restore(estimator.save())
-        for each in (estimator, other):
-            assert Status.RECOVERED not in [each.update(s._replace(t=s.t + 1.0)) for s in samples], place
-        flip(words, place, 7 * turn % 63)
-        estimator.restore(saved)
-        assert words[place] == 0, place
-    assert bool(spare) == (CONFIGS[name].formulation == "filtered")
 
 
 def test_the_extents_in_use_never_exceed_the_largest():
