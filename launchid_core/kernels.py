@@ -1,7 +1,6 @@
 """The decorators of every compiled function in this package, and where numba keeps what it compiled.
 
-``kernel``   an entry, called from Python; few
-``asked``    called by Python and by kernels: a function of numbers
+``kernel``   called from Python: an entry, or a function of numbers that kernels call too
 ``inner``    called by kernels only; from Python it would crash the process, and a test compiles its own
 
 Choices, each with its reason:
@@ -64,5 +63,4 @@ def compiled(**choices: Any) -> Callable[[Function], Function]:
 
 
 kernel = compiled(_nrt=False, no_cfunc_wrapper=True)
-asked = compiled(_nrt=False, no_cfunc_wrapper=True)
 inner = compiled(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)

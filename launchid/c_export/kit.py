@@ -1,6 +1,7 @@
-"""Compose all files of `launchid export-c`: the estimator in C, its vectors and their checker, an example, a Makefile,
-a target, a README, and wrappers for cFS, F Prime and Simulink.
+"""Compose all files of `launchid export-c`.
 
+They are the estimator in C, its vectors and their checker, an example, a Makefile, a target, a README, and wrappers for
+cFS, F Prime and Simulink.
 The wrappers are made from one description: their inputs are the fields of a sample, their outputs OUTPUTS.
 """
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from ..kernels import asked
+from ..kernels import kernel
 
 LN2_HIGH = 0.6931471803691238        # ln 2 to 32 bits: a whole number below 2^20 times it is exact
 LN2_LOW = 1.9082149292705877e-10     # the rest
@@ -43,25 +43,25 @@ ERFC = np.array([
     -1.2507950530688648e-15, 7.418235256624044e-17, 5.068148904796111e-17])
 
 
-@asked
+@kernel
 def fraction_of(x):
     """The fraction x / 2^exponent_of(x), of magnitude 0.5 to 1; the C port has a function of its own for it."""
     return math.frexp(x)[0]
 
 
-@asked
+@kernel
 def exponent_of(x):
     """The exponent of two of x, x = m 2^e with 0.5 <= |m| < 1; the C port has a function of its own for it."""
     return math.frexp(x)[1]
 
 
-@asked
+@kernel
 def scaled(x, n):
     """The product x 2^n, rounded once; the C port has a function of its own for it."""
     return math.ldexp(x, n)
 
 
-@asked
+@kernel
 def exp_of(x):
     """exp(x) = 2^n exp(r), x = n ln 2 + r; inf above LOG_LARGEST, 0 below LOG_SMALLEST, NaN of NaN."""
     if not (LOG_SMALLEST <= x <= LOG_LARGEST):
@@ -79,7 +79,7 @@ def exp_of(x):
     return scaled(1.0 + (high - (low - z * (even + r * odd))), int(n))  # what is rounded is small beside 1
 
 
-@asked
+@kernel
 def log_of(x):
     """log(x) = n ln 2 + 2 artanh(f/(2 + f)), x = 2^n (1 + f); -inf of 0, NaN of negative numbers and NaN."""
     if not (0.0 < x < math.inf):
@@ -103,7 +103,7 @@ def log_of(x):
     return n * LN2_HIGH - ((half - (s * (half + total) + n * LN2_LOW)) - f)
 
 
-@asked
+@kernel
 def erfc_of(x):
     """erfc(x) = exp(-x^2) P(t) / (1 + 2x) for x >= 0, 2 - erfc(-x) below."""
     if np.isnan(x):
@@ -123,7 +123,7 @@ def erfc_of(x):
     return value if x >= 0.0 else 2.0 - value
 
 
-@asked
+@kernel
 def difference(a, b):
     """The difference a - b as the rounded one and what rounding took from it, exactly (Knuth 1969)."""
     rounded = a - b
@@ -131,7 +131,7 @@ def difference(a, b):
     return rounded, (a - (rounded - back)) - (b + back)
 
 
-@asked
+@kernel
 def wave(a, ahead):
     """sin(a + ahead pi/2), a >= 0 and finite: sin or cos of what is left of the nearest quarter of a turn.
 
@@ -162,13 +162,13 @@ def wave(a, ahead):
     return value if quarter < 2 else -value
 
 
-@asked
+@kernel
 def sin_of(x):
     """sin(x); NaN of what is not finite."""
     return math.copysign(1.0, x) * wave(abs(x), 0) if np.isfinite(x) else math.nan
 
 
-@asked
+@kernel
 def cos_of(x):
     """cos(x); NaN of what is not finite."""
     return wave(abs(x), 1) if np.isfinite(x) else math.nan

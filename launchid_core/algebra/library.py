@@ -14,7 +14,7 @@ import re
 
 import numpy as np
 
-from ..kernels import asked, inner
+from ..kernels import inner, kernel
 from .elementary import cos_of, sin_of
 
 VARIABLES = ("theta", "theta_dot", "beta", "tau")
@@ -142,7 +142,7 @@ def centred_variables(codes: np.ndarray) -> np.ndarray:
 BINOMIAL = np.array([[math.comb(n, k) for k in range(MAX_POWER + 1)] for n in range(MAX_POWER + 1)], dtype=np.float64)
 
 
-@asked
+@kernel
 def function_value(function, x):
     """Value of function number `function` (index into FUNCTIONS) at x; 1 for none, sign(0) = 0."""
     if function == 1:

@@ -25,6 +25,20 @@ SCALED = 0.25                   # norm of the matrix whose exponential is summed
 MAX_SQUARINGS = 24              # of a matrix whose norm is 4e6 at most
 SAME_STEP = 1.0e-6              # relative difference of two time steps that share their constants
 
+N_SERVO = len(SERVO)
+BY_FREQUENCY, BY_DAMPING, BY_DELAY = range(N_SERVO)
+# columns of a response: of beta, beta_dot, the command as the step begins, its change within the step
+SERVO_BETA, SERVO_BETA_DOT, SERVO_COMMAND, SERVO_CHANGE = range(4)
+
+SERVO_DIFFERENCE = 1.0e-3  # of a central difference: relative frequency, damping ratio, delay over the sample period
+# of the nominal's frequency and damping: no filter is linearised about others
+LEAST_FACTOR = 0.1
+MOST_FACTOR = 10.0
+SETTLED_SIGMAS = 0.2    # standard deviations: from an estimate so near the filter need not move
+# of a move's square: by so much what was learned before counts as wrong.  0.5, what is not linear of it, is too little
+CURVED = 2.0
+UNSETTLED = 0.2         # share of a block's squares by what is unknown of the servo, beyond which it tells of no noise
+
 
 @inner
 def multiply(a, b, out):
@@ -99,21 +113,6 @@ def set_step(constant, frequency, damping, h, work, step):
         step.twice[j] = total[0, 2 + j] * scale
     step.fade, step.reach = total[1, 1], total[0, 1]
     step.keep = exp_of(-h / constant.turbulence_time)
-
-
-N_SERVO = len(SERVO)
-BY_FREQUENCY, BY_DAMPING, BY_DELAY = range(N_SERVO)
-# columns of a response: of beta, beta_dot, the command as the step begins, its change within the step
-SERVO_BETA, SERVO_BETA_DOT, SERVO_COMMAND, SERVO_CHANGE = range(4)
-
-SERVO_DIFFERENCE = 1.0e-3  # of a central difference: relative frequency, damping ratio, delay over the sample period
-# of the nominal's frequency and damping: no filter is linearised about others
-LEAST_FACTOR = 0.1
-MOST_FACTOR = 10.0
-SETTLED_SIGMAS = 0.2    # standard deviations: from an estimate so near the filter need not move
-# of a move's square: by so much what was learned before counts as wrong.  0.5, what is not linear of it, is too little
-CURVED = 2.0
-UNSETTLED = 0.2         # share of a block's squares by what is unknown of the servo, beyond which it tells of no noise
 
 
 @inner

@@ -1,7 +1,17 @@
-"""The state and the beliefs of the filter: the places of their numbers, and a profile between its nodes."""
+"""Places in the filter's state and in its tables; a profile between its nodes."""
 
 from ..kernels import inner
 
+N_STATES = 4    # of the vehicle: theta, theta_dot, beta, beta_dot
+N_CHANNELS = 3  # theta, theta_dot, beta
+# what a window is tested for: slopes of a6 and k1; what no model has, an acceleration that stays, an offset of the gyro
+SLOPE_A6, SLOPE_K1, MOMENT_TEST, GYRO_TEST = range(4)
+N_TESTS = 4
+N_SLOPES = 2    # of them
+MAX_DELAY_SAMPLES = 64  # past commands that are kept
+# process noises among the levels
+COMMAND_NOISE = 3
+ACCELERATION_NOISE = 4
 # a relative deviation from the nominal
 A6, K1 = range(2)
 # what is believed of them
@@ -14,7 +24,7 @@ N_AIR = 5
 # a row of a profile (f8): time [s], a6, k1 [1/s^2], or the range of both
 NODE_T, NODE_A6, NODE_K1 = range(3)
 N_NODE = 3
-ABSENT = -1
+ABSENT = -1     # a place that is none
 
 
 @inner
@@ -50,15 +60,3 @@ def air_at(air, column, t):
     """One column of the air's nodes at t [s], linear between them."""
     low, high, share = place_in(air, t)
     return air[low, column] + share * (air[high, column] - air[low, column])
-
-
-N_STATES = 4    # of the vehicle
-N_CHANNELS = 3  # theta, theta_dot, beta
-N_TESTS = 4     # slopes of a6 and k1; what no model has: an acceleration that stays, an offset of the gyro
-SLOPE_A6, SLOPE_K1, MOMENT_TEST, GYRO_TEST = range(4)
-N_SLOPES = 2
-MAX_DELAY_SAMPLES = 64
-
-# process noises among the levels
-COMMAND_NOISE = 3
-ACCELERATION_NOISE = 4

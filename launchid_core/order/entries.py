@@ -1,5 +1,4 @@
-"""The entries that an estimator needs, compiled before the first sample, and its three calls with their memory
-given."""
+"""The entries that an estimator needs, compiled before the first sample; its three calls, with their memory given."""
 
 import functools
 import inspect

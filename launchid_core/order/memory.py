@@ -1,5 +1,6 @@
-"""The memory of an estimator: the structured type of its table, views by name, what is sealed, and its numbers before
-the first sample.  Nothing is compiled here.
+"""The memory of an estimator, from the table: structured type, views by name, numbers before the first sample.
+
+Nothing is compiled here.
 """
 
 import math

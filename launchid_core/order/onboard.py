@@ -7,7 +7,6 @@ Entries are shallow, for numba compiles all that an entry calls into it; `update
 as in C.  What a configuration does without (structure, range) is in entries of its own, which are not compiled then.
 """
 
-
 from ..algebra.elementary import exp_of
 from ..filter import filtered as fl
 from ..filter import modes as md

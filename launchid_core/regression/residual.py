@@ -1,5 +1,6 @@
-"""Standard deviations of a window's regression from its own residual, which is not white: docs/method.md, "Standard
-deviations".
+"""Standard deviations of a window's regression from its own residual, which is not white.
+
+The method: docs/method.md, "Standard deviations".
 
 Sources: Newey & West, Econometrica 55, 1987; n/(n - k): MacKinnon & White, J. Econometrics 29, 1985; the lag L by the
 plug-in of Andrews, Econometrica 59, 1991, eq. 5.3, 6.2 and 6.4 (Bartlett's weights, a first order autoregression a

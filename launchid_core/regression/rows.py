@@ -1,5 +1,4 @@
-"""The choices made at construction, as kernels read them; the step from a closed window's samples to rows: slopes,
-standardised variables, library columns and targets.
+"""The step from a closed window's samples to rows: slopes, standardised variables, library columns and targets.
 
 Throughout: rows (N_SERIES, m) and marks (N_MARKS, m) as named below.
 """

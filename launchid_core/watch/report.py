@@ -1,5 +1,4 @@
-"""The results that leave the estimator beside a window's outcome: tracked estimate, uncertainty level, sudden
-changes."""
+"""What leaves the estimator beside a window's outcome: tracked estimate, uncertainty level, sudden changes."""
 
 import numpy as np
 

@@ -94,7 +94,7 @@ def calls(tree: ast.AST) -> Iterator[tuple[str, int]]:
 @functools.cache
 def kernels(path: Path) -> list[ast.FunctionDef]:
     """Functions under @kernel (or any form of numba's decorators)."""
-    marks = {"kernel", "asked", "inner", "apart", "numba.njit", "njit", "numba.jit", "jit"}
+    marks = {"kernel", "inner", "apart", "numba.njit", "njit", "numba.jit", "jit"}
     return [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef) and any(
         dotted(d.func if isinstance(d, ast.Call) else d) in marks for d in node.decorator_list)]
 
