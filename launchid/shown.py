@@ -47,6 +47,20 @@ def servo_lines(actuator: dict[str, dict[str, float | None]]) -> list[str]:
             f"({PLUS_MINUS})"]
 
 
+def mode_lines(windows: list[dict[str, dict[str, float | None]]]) -> list[str]:
+    """Return a line for each mode of slosh and bending as the last window that knows it has it; windows: a JSON's."""
+    last: dict[str, dict[str, float | None]] = {}
+    for modes in windows:
+        last |= {name: each for name, each in modes.items() if each["frequency"] is not None}
+    lines = []
+    for name, each in last.items():
+        size = "coupling" if "coupling" in each else "gain"
+        numbers = [with_std(each[key], each[f"{key}_std"]) if each[f"{key}_std"] else f"{each[key]:.4g} (declared)"
+                   for key in ("frequency", size)]
+        lines.append(f"{name} as estimated: {numbers[0]} rad/s, {size} {numbers[1]}")
+    return lines
+
+
 def saying_what_plus_minus_is(lines: list[str]) -> list[str]:
     """Return the lines; to the first with a `+-` is added that this is one standard deviation."""
     first = next((k for k, line in enumerate(lines) if " +- " in line), None)

@@ -170,6 +170,7 @@ class _Program:
         """Return the text of launchid.h."""
         return template("launchid.h", self.sizes() | {
             "terms": len(self.config.terms), "max_changes": core_module("changes").MAX_EVENTS,
+            "modes": len(self.config.model.modes) if self.config.model is not None else 0,
             "statuses": _enumeration(Status),
             "estimate_statuses": _enumeration(EstimateStatus), "structs": "\n".join(self.unit.declarations),
             "state": self._members(STATE), "work": self._members(WORK),

@@ -189,7 +189,7 @@ def of_window(e: Estimate) -> list[Any]:
         if e.actuator else [NOT_MEASURED] * 9
     return [int(e.status), e.rows, e.gaps, e.t_start, e.t_end, e.a6, e.k1, e.a6_std, e.k1_std, e.a6_k1_corr, e.a6_dot,
             e.k1_dot, e.a6_bound, e.k1_bound, e.condition, *e.xi.ravel().tolist(), *e.support.ravel().tolist(),
-            *tracked, e.wind, e.wind_std, *offsets, *servo, *_of_levels(e)]
+            *tracked, e.wind, e.wind_std, *offsets, *servo, *(x for mode in e.modes for x in mode[1:]), *_of_levels(e)]
 
 
 def _of_levels(e: Estimate) -> Iterator[Any]:

@@ -23,7 +23,7 @@ from ..log.log import Log
 from ..log.rates import HELD_WORD
 from ..log.steps import with_steps
 from ..onboard import MODELLED, onboard_model
-from ..shown import servo_lines, slow_hint, with_std
+from ..shown import mode_lines, servo_lines, slow_hint, with_std
 from ..weakform.judge import LIBRARY, Lack
 from ..weakform.rows import FAST_THETA, near_all
 from ..weakform.windows import AT_REST, Judged, disbelieved, judged_windows, withdrawn
@@ -229,7 +229,17 @@ def window_json(estimate: Estimate) -> dict[str, Any]:
             "terms": {term: number(value) for term, value in active},
             "terms_std": {term: number(std) for term, std in estimate.terms_std.items()},
             "absent": {term: number(limit) for term, limit in estimate.absent.items()}, **air_json(estimate),
-            **actuator_json(estimate)}
+            **actuator_json(estimate), "modes": modes_json(estimate)}
+
+
+def modes_json(estimate: Estimate) -> dict[str, dict[str, float | None]]:
+    """Return slosh and bending at the end of a window, from all data so far, for JSON: name -> numbers with std."""
+    said = {}
+    for mode in estimate.modes:
+        size = "coupling" if mode.name.startswith("slosh") else "gain"
+        said[mode.name] = {"frequency": number(mode.frequency), "frequency_std": number(mode.frequency_std),
+                           size: number(mode.size), f"{size}_std": number(mode.size_std)}
+    return said
 
 
 def air_json(estimate: Estimate) -> dict[str, Any]:
@@ -446,6 +456,7 @@ def table(result: dict[str, Any]) -> str:
         lines.append(f"sudden change of {c['parameter']} at {with_std(c['t'], c['t_std'])} s: {before} -> {after} "
                      f"1/s^2 (size {with_std(c['size'], c['size_std'])}{share_of(c)})")
     lines += servo_lines(result.get("actuator", {}))
+    lines += mode_lines([w["modes"] for w in result["windows"]])
     if "late" in result:
         parts = {"a delay": result["late"]["delay"], "a lag": result["late"]["lag"]}
         said = " and ".join(f"{name} of {with_std(1e3 * each['value'], 1e3 * (each['std'] or 0.0))} ms"

@@ -32,6 +32,8 @@ RIGID_WALK = 0.003   # 1/sqrt(s), relative, of a6 and k1 beside them
 REOPENED = 0.4       # relative, of a6 and k1 after a sudden change
 MODE_DIFFERENCE = 1.0e-3  # relative frequency, damping ratio: of a central difference
 LEAST_FREQUENCY, MOST_FREQUENCY = 0.3, 3.0  # of the nominal's: no filter is linearised about others
+PROVEN = 4.5         # standard deviations of a size from 0: the mode is there
+SETTLED = 0.05       # standard deviations: from a number so near the filter need not move
 SLOSH_SPREAD = 0.1   # rad, of psi before any data
 NOZZLE_SPREAD = 0.05  # rad: bending before any data is that of a nozzle so far off
 LEAST_PIVOT = 1.0e-12  # of a covariance's factor
@@ -456,6 +458,16 @@ def widen_mode_check(block):
 
 
 @inner
+def is_proven(belief, modes, i):
+    """Whether mode i is there beyond doubt, so that its frequency means something: its size is known, or PROVEN."""
+    for j in range(belief.size.numbers):
+        if belief.mode_of[j] == i and belief.number[j] == BY_SIZE:
+            sigma = belief.number_sigma[j]
+            return 1.0 + sigma * modes.mean[2 + j] > PROVEN * sigma * math.sqrt(modes.covariance[2 + j, 2 + j])
+    return True
+
+
+@inner
 def age_numbers(belief, modes, dt):
     """The numbers, and a6 and k1 beside them, may have walked over dt [s]."""
     for j in range(belief.size.numbers):
@@ -532,7 +544,7 @@ def relinearise_modes(block):
     away = size.swept == 1
     for j in range(size.numbers):
         std = math.sqrt(modes.covariance[2 + j, 2 + j])
-        away = away or abs(modes.mean[2 + j] - modes.about[j]) > sv.SETTLED_SIGMAS * std
+        away = away or abs(modes.mean[2 + j] - modes.about[j]) > SETTLED * std
     for j in range(size.numbers):
         if not away:
             break

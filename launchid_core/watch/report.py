@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..filter import states as sx
-from ..filter.modes import BY_DAMPING, N_MODE_COLUMNS
+from ..filter.modes import BY_DAMPING, BY_FREQUENCY, N_MODE_COLUMNS, is_proven
 from ..filter.servo import BY_DELAY, std_of
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
@@ -119,10 +119,13 @@ def report_modes(belief, air, fil, contradicted, t, rep):
             rep.mode[i, 2 * k] = np.nan if contradicted else sx.air_at(air, at + k, t)
             rep.mode[i, 2 * k + 1] = np.nan if contradicted else 0.0
     for j in range(belief.size.numbers):
-        i, what = belief.mode_of[j], belief.number[j]
+        i, what, sigma = belief.mode_of[j], belief.number[j], belief.number_sigma[j]
         if what == BY_DAMPING or contradicted:
             continue
-        nominal, sigma = rep.mode[i, 2 * what], belief.number_sigma[j]
+        nominal = rep.mode[i, 2 * what]
+        if what == BY_FREQUENCY and not is_proven(belief, modes, i):
+            rep.mode[i, 1] = nominal * sigma
+            continue
         rep.mode[i, 2 * what] = nominal * (1.0 + sigma * modes.mean[2 + j])
         rep.mode[i, 2 * what + 1] = abs(nominal) * sigma * np.sqrt(modes.covariance[2 + j, 2 + j])
 

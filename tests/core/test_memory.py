@@ -29,7 +29,7 @@ def filtered(nominal=CALM, **choices) -> Config:
 
 
 CHOICES = ("theta", "beta", "integral", "solver", "by_share", "structured", "ranged", "known",
-           "shaped")  # of `Size`: no extents
+           "shaped", "swept", "shows")  # of `Size`: no extents
 CONFIGS = {
     "integral": Config(window=0.5, library="quadratic", compression=2),
     "measured": Config(window=0.5, formulation="measured", solver="lasso", threshold=0.1),

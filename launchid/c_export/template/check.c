@@ -125,6 +125,11 @@ static void put_estimate(void)
         put(e.actuator[k][1]);
         put(e.actuator_corr[k]);
     }
+    for (int k = 0; k < LAUNCHID_MODES; k++) {
+        for (int i = 0; i < 4; i++) {
+            put(e.mode[k][i]);
+        }
+    }
     const bool there = launchid_get_level(&estimator, &a6, &k1);
     count(there);
     put_level(&a6, there);

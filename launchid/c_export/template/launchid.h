@@ -21,6 +21,8 @@
 #define LAUNCHID_SAMPLE_PERIOD $period /* s */
 #define LAUNCHID_TERMS $terms
 #define LAUNCHID_MAX_CHANGES $max_changes
+#define LAUNCHID_MODES $modes
+#define LAUNCHID_MAX_MODES 6
 #define LAUNCHID_OFFSETS 5
 
 /* Answer of `launchid_update`: >= 0 the sample was used, < 0 it changed nothing but a counter. */
@@ -77,6 +79,8 @@ typedef struct {
     double actuator[3][2];              /* value and standard deviation of the servo's natural frequency [rad/s], damping
                                            ratio, delay [s] at t_end; NaN of a servo that the model knows */
     double actuator_corr[3];            /* their correlations: the first with the second and the third, these two */
+    double mode[LAUNCHID_MAX_MODES][4]; /* of slosh, then bending, at t_end: frequency [rad/s] with its standard deviation,
+                                           coupling or gain with its own; NaN beyond those of the model */
 } launchid_estimate;
 
 /* A sudden change at t [s]: before and after [1/s^2], the alarm [s]; final: two seconds of data are behind its size. */

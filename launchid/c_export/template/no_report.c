@@ -18,6 +18,11 @@ static void report_into(const launchid_state *state, launchid_work *work, launch
         estimate->actuator[k][1] = NO_NUMBER;
         estimate->actuator_corr[k] = NO_NUMBER;
     }
+    for (int64_t k = 0; k < LAUNCHID_MAX_MODES; k++) {
+        for (int64_t i = 0; i < 4; i++) {
+            estimate->mode[k][i] = NO_NUMBER;
+        }
+    }
 }
 
 int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launchid_change change[])

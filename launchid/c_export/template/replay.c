@@ -31,6 +31,9 @@ static void print_estimate(const launchid_estimate *e)
     for (int k = 0; k < 3; k++) {
         printf(" %a %a %a", e->actuator[k][0], e->actuator[k][1], e->actuator_corr[k]);
     }
+    for (int k = 0; k < LAUNCHID_MODES; k++) {
+        printf(" %a %a %a %a", e->mode[k][0], e->mode[k][1], e->mode[k][2], e->mode[k][3]);
+    }
     printf("\n");
 }
 

@@ -19,6 +19,11 @@ static void report_into(launchid_state *state, launchid_work *work, launchid_est
         estimate->actuator[k][1] = rep->actuator[(2 * k) + 1];
         estimate->actuator_corr[k] = rep->actuator_corr[k];
     }
+    for (int64_t k = 0; k < LAUNCHID_MAX_MODES; k++) {
+        for (int64_t i = 0; i < 4; i++) {
+            estimate->mode[k][i] = (k < LAUNCHID_MODES) ? rep->mode[(4 * k) + i] : (double)NAN;
+        }
+    }
 }
 
 int64_t launchid_state_changes(launchid_state *state, launchid_work *work, launchid_change change[])

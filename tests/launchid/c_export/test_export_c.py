@@ -66,7 +66,8 @@ def window_words(e: Estimate) -> list[str]:
     offsets = [x for name in OFFSETS for x in e.offsets.get(name, (NAN, NAN))]
     servo = [x for each, shared in zip(e.actuator.values(), e.actuator_corr, strict=True)
              for x in (*each, shared)] if e.actuator else [NAN] * 9
-    return [*words, str(int(tracked[0])), *(bits(x) for x in (*tracked[1:], e.wind, e.wind_std, *offsets, *servo))]
+    return [*words, str(int(tracked[0])), *(bits(x) for x in (
+        *tracked[1:], e.wind, e.wind_std, *offsets, *servo, *(x for mode in e.modes for x in mode[1:])))]
 
 
 def level_words(e: Estimate) -> list[list[str]]:
