@@ -364,8 +364,8 @@ def test_a_first_order_servo_is_flown_and_believed():
 
 
 def test_an_effect_that_the_filter_cannot_hold_is_one_error_naming_it():
-    with pytest.raises(InputError, match="slosh") as caught:
-        onboard_model(with_effects("gyro_bias:rate=0.005", "slosh:coupling=0.1,frequency=3"))
+    with pytest.raises(InputError, match="friction") as caught:
+        onboard_model(with_effects("gyro_bias:rate=0.005", "friction:coefficient=0.01"))
     assert len(str(caught.value).splitlines()) == 1
 
 
