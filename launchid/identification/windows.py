@@ -328,6 +328,9 @@ def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
         said["warnings"] = list(result.warnings)
         if result.told.refuses:
             said["next"] = result.told.next
+    if result.told.hint and not result.told.refuses and result.config.model is not None and (
+            found := next_step(said["windows"], result.config.model, result.told.hint)):
+        said["next"] = found
     if result.config.formulation == "filtered":
         return said
     if "next" not in said and result.log.doubtful:
@@ -357,12 +360,15 @@ def why(windows: list[dict[str, Any]]) -> str:
     return f"no window of this log is valid: {'; '.join(said)}"
 
 
-def next_step(windows: list[dict[str, Any]], model: Model) -> str:
-    """Return advice if windows (JSON) contradict the model, else "": declare wind or sensor offsets that the nominal
-    lacks, then look for the cause."""
+def next_step(windows: list[dict[str, Any]], model: Model, found: str = "") -> str:
+    """Return advice if windows (JSON) contradict the model, else "": declare what was found of the loop (`found`), else
+    wind or sensor offsets that the nominal lacks; then look for the cause."""
     refused = sum(window["status"] == "MODEL" for window in windows)
     if not refused:
         return ""
+    if found:
+        return (f"{refused} of {len(windows)} windows contradict the model (MODEL): {found}; `launchid diagnose` looks "
+                "for other causes")
     declared = {"[wind]": any(getattr(model, name) > 0.0 for name in ("walk", "wind_initial", "turbulence")),
                 "[offsets]": any(getattr(model, name) > 0.0 for name in OFFSET_FIELDS)}
     lacks = " and no ".join(section for section, there in declared.items() if not there)

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from launchid_core import Estimate
-from sim.nominal import Nominal
+from sim.nominal import Actuator, Nominal
 
 from ..log.check import CheckedLog
-from ..log.loop import loop_of
+from ..log.loop import Loop, loop_of
 from ..shown import with_std
 from .line import Line, undeclared_line
 from .table import TESTS
@@ -35,6 +35,7 @@ SMALLEST = 1e-9        # 1/s^2: the range of a number that is 0 in all of the pr
 OTHERWISE = 0.5        # ranges: a number that is as far off is named
 PARAMETERS = ("a6", "k1")
 UNRELATED = 0.5        # of the variance of the commands, that a controller's own law explains at least
+SAME_SERVO = 1.2       # of its speed, either way: closer is the nominal's
 DOUBTS = 2             # of period, commands and servo, that make another vehicle
 
 
@@ -44,11 +45,13 @@ class NominalTest:
 
     decisive   numbers of the vehicle that do not fit, in words;  doubts  those of controller and servo
     mode       a line of the log of which the nominal has no mode
+    hint       what to declare where windows contradict the model, "" if the loop shows nothing
     """
 
     decisive: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     mode: Line | None = None
+    hint: str = ""
 
     @property
     def is_other(self) -> bool:
@@ -93,7 +96,9 @@ def tested(seen: CheckedLog, nominal: Nominal | None, estimates: Sequence[Estima
     """
     if nominal is None or seen.foreign:
         return FITS
-    return NominalTest(_own(nominal, estimates), tuple(_loop(seen, nominal)), undeclared_line(seen, nominal))
+    loop = loop_of(seen, nominal)
+    return NominalTest(_own(nominal, estimates), tuple(_loop(loop, nominal)), undeclared_line(seen, nominal),
+                       _hint(loop, nominal))
 
 
 def lines(seen: CheckedLog, told: NominalTest) -> tuple[str, ...]:
@@ -102,9 +107,23 @@ def lines(seen: CheckedLog, told: NominalTest) -> tuple[str, ...]:
     return (f"{seen.raw.path}: {line}",) if line else ()
 
 
-def _loop(seen: CheckedLog, nominal: Nominal) -> Iterator[str]:
+def _hint(loop: Loop, nominal: Nominal) -> str:
+    """Return what to declare of a servo that is another one than the nominal's; "" if it is the nominal's."""
+    if nominal.actuator is None or _near(loop.speed, SAME_SERVO):
+        return ""
+    return (f"{_late(loop, nominal.actuator)}: declare that, or natural_frequency_sigma and delay_sigma in [actuator], "
+            "and it is estimated")
+
+
+def _late(loop: Loop, servo: Actuator) -> str:
+    """Return in words how late the nozzle follows its command, and how late the servo of the nominal does."""
+    late = 1e3 * (servo.lag + servo.delay)
+    return (f"the nozzle follows its command after about {late / loop.speed:.2g} ms, the nominal's servo after "
+            f"{late:.2g} ms")
+
+
+def _loop(loop: Loop, nominal: Nominal) -> Iterator[str]:
     """Yield in words each of period, commands and servo that is not the nominal's."""
-    loop = loop_of(seen, nominal)
     controller, servo = nominal.controller, nominal.actuator
     if controller is not None and not _near(loop.period / controller.period, TESTS["period of the nominal"].limit):
         yield (f"commands change every {loop.period:.4g} s, the nominal's controller gives one every "
@@ -114,9 +133,7 @@ def _loop(seen: CheckedLog, nominal: Nominal) -> Iterator[str]:
     elif not _near(loop.gain, TESTS["commands of the nominal"].limit):
         yield f"the commands are {loop.gain:.2g} times what its controller makes of theta"
     if servo is not None and not _near(loop.speed, TESTS["servo of the nominal"].limit):
-        late = 1e3 * (servo.lag + servo.delay)
-        yield (f"the nozzle follows its command after about {late / loop.speed:.2g} ms, the nominal's servo after "
-               f"{late:.2g} ms")
+        yield _late(loop, servo)
 
 
 def _near(ratio: float, limit: float) -> bool:

@@ -45,7 +45,7 @@ class CheckedLog:
     log     to be used: NaN where the check found a bad value, rounded stamps on their grid, whole turns put back
     raw     as it was read;  faults  that were found;  mended  what was put right
     data    the check's masks, and the rates at which columns were sampled;  nominal  that it was checked with, or None
-    sensed  the log without what its sensors add, which estimates are made of; None: not asked
+    sensed  its columns without what its sensors add, which estimates are made of; None: not asked
     """
 
     log: Log
@@ -59,7 +59,8 @@ class CheckedLog:
     @property
     def estimated(self) -> Log:
         """The log that estimates are made of: without what its sensors add, if that was asked."""
-        return self.log if self.sensed is None else self.sensed.log
+        mended: dict[str, Any] = {} if self.sensed is None else self.sensed.columns
+        return replace(self.log, **mended) if mended else self.log
 
     @property
     def notes(self) -> tuple[str, ...]:

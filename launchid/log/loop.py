@@ -10,14 +10,14 @@ from sim.nominal import Nominal
 from .check import CheckedLog
 from .detect import related
 from .rates import HELD_WORD, OWN, rate_of
-from .relations import NO_FIT, actuated, control_fit
+from .relations import NO_FIT, answered, control_fit
 from .slope import Columns, block_means, regress
 
 NOT_SLOWER = 1.1       # of the controller's period, that rows may be apart to show its commands
 CHANGING = 0.5         # of the rows that have another command than the one before: each row has its own
-SPEEDS = np.geomspace(1.0 / 8.0, 8.0, 13)  # of the servo, that are tried
+SPEEDS = np.geomspace(1.0 / 8.0, 8.0, 33)  # of the servo, that are tried
 SERVO_BLOCK = 0.04     # s: about a servo's own time, over which the nozzle's noise is averaged
-FOLLOWS = 0.5          # of the variance of the nozzle's changes, that a servo of any speed explains at least
+FOLLOWS = 0.3          # of the variance of the nozzle's changes, that a servo of any speed explains at least
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def _servo_speed(columns: Columns, period: float, nominal: Nominal) -> float:
     for speed in SPEEDS.tolist():
         other = replace(servo, natural_frequency=speed * servo.natural_frequency,
                         time_constant=servo.time_constant / speed, delay=servo.delay / speed)
-        answer = actuated(columns["beta_cmd"], period, replace(nominal, actuator=other))
+        answer = answered(columns["beta_cmd"], period, replace(nominal, actuator=other))
         told.append(regress(moved, [np.diff(block_means(answer, rows))]).explained)
     best = int(np.argmax(told))
     return float(SPEEDS[best]) if told[best] > FOLLOWS else math.nan

@@ -7,7 +7,7 @@ import numpy as np
 from sim.nominal import Nominal
 
 from ..sums import along, combined, products, square
-from .relations import actuated
+from .relations import answered
 from .slope import Columns, block_means
 
 GAIN_BLOCK = 0.1       # s: longer than a servo's own time, so that noise is averaged
@@ -24,7 +24,7 @@ def nozzle_gain(columns: Columns, period: float, nominal: Nominal) -> tuple[floa
     if nominal.actuator is None or not {"beta", "beta_cmd"} <= set(columns) \
             or len(columns["beta"]) < FEWEST_GAIN_BLOCKS * rows or np.array_equal(columns["beta"], columns["beta_cmd"]):
         return math.nan, math.nan
-    answer = actuated(columns["beta_cmd"], period, nominal)
+    answer = answered(columns["beta_cmd"], period, nominal)
     y, *parts = (block_means(x, rows) for x in (columns["beta"], answer, np.gradient(answer, period)))
     design = np.column_stack([*(x - x.mean() for x in parts), np.ones(len(y))])
     inverse = np.linalg.pinv(products(design, design), 1e-12, hermitian=True)

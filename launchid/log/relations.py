@@ -178,6 +178,12 @@ def actuated(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarray
     return filtered(command, response / total) if total > 0.0 else command
 
 
+def answered(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
+    """Return `actuated` (n,) of a command that acts from its row on: a row later."""
+    answer = actuated(command, period, nominal)
+    return np.concatenate([answer[:1], answer[:-1]])
+
+
 def _controlled(angle: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
     """Return the nominal controller's kp angle + kd (filtered derivative of angle), (n,)."""
     controller = nominal.controller

@@ -4,7 +4,7 @@ They are found between columns (`gyro`, `nozzle`), and what the nominal declares
 are estimated from are without them; those that a controller saw, and a diagnosis judges, stay as they were logged.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from .fault import Fault
 from .gyro import Gyro, gyro_of, is_delayed, without_lag
 from .log import Log
 from .nozzle import nozzle_gain
-from .steps import systematic_step
+from .steps import STEPPED, systematic_step
 
 SCALE_SIGMAS = 4.0     # standard deviations of a scale that is there
 LEAST_SCALE = 0.003    # relative: less moves a6 and k1 by less than their deviations
@@ -30,24 +30,25 @@ SURE_GAIN = 0.005      # standard deviation of its gain, above which something e
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """A log without what its sensors add, what that was, and the nozzle's scale.
+    """Columns of a log without what its sensors add, what that was, and the nozzle's scale.
 
-    log  to be estimated from;  faults  of the sensors, that it is free of;  nozzle_scale  of beta over what the
-    nominal's servo makes of the command: of the sensor, or of the servo;  coarse  in words that theta's steps are too
+    columns  name -> (n,), to be estimated from;  faults  of the sensors, that they are free of;  nozzle_scale  of beta
+    over what the nominal's servo makes of the command: of the sensor, or of the servo;  coarse  in words that theta's steps are too
     coarse for the filter, else ""
     """
 
-    log: Log
+    columns: dict[str, np.ndarray] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
     nozzle_scale: float = 1.0
     coarse: str = ""
 
 
 def sensed(log: Log, data: DataCheck, nominal: Nominal | None) -> Sensed:
-    """Return a checked log without what its sensors add."""
+    """Return what the sensors of a checked log add, and its columns without."""
+    logged = log
     t, columns = related(log, data.usable, data.masks)
     if not columns:
-        return Sensed(log)
+        return Sensed()
     period, found, gain = float(t[1] - t[0]), list[Fault](), 1.0
     both = data.masks["theta"] & data.masks["theta_dot"]
     known = np.interp(t, log.t[data.usable], both[data.usable]) > 1.0 - 1e-9
@@ -85,7 +86,8 @@ def sensed(log: Log, data: DataCheck, nominal: Nominal | None) -> Sensed:
     coarse = "" if nominal is None else systematic_step(nominal, log)
     if coarse:
         fault("step", "theta", coarse)
-    return Sensed(log, tuple(found), gain, coarse)
+    mended = {name: getattr(log, name) for name in STEPPED if getattr(log, name) is not getattr(logged, name)}
+    return Sensed(mended, tuple(found), gain, coarse)
 
 
 def _beyond(gyro: Gyro, nominal: Nominal | None) -> tuple[float, float]:

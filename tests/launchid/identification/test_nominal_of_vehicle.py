@@ -73,3 +73,18 @@ def test_units_of_the_nominal_in_degrees():
     scaled = dataclasses.replace(wrong, vehicle=Profile(profile.t, profile.a6, profile.k1 * np.pi / 180.0))
     made = identify(flown(6), scaled, window=5.0)
     assert not any(e.valid for e in made.estimates)
+
+
+def test_the_advice_of_a_slow_servo_is_the_servo_and_not_the_wind():
+    made = identify(flown(7, "actuator_bandwidth:scale=0.5"), nominal(), window=5.0)
+    assert "MODEL" in {e.status.name for e in made.estimates}
+    assert "natural_frequency_sigma" in made.report["next"] and "[wind]" not in made.report["next"]
+    own = dataclasses.replace(nominal(), actuator=dataclasses.replace(
+        nominal().actuator, natural_frequency_sigma=0.3, delay_sigma=0.02))
+    declared = identify(flown(7, "actuator_bandwidth:scale=0.5"), own, window=5.0)
+    assert sum(e.valid for e in declared.estimates) >= 3
+
+
+def test_the_advice_in_undeclared_wind_is_the_wind():
+    made = identify(flown(8, "gust:angle=0.15,time=15,duration=4"), nominal(), window=5.0)
+    assert "[wind]" in made.report["next"]
