@@ -70,8 +70,8 @@ class NominalTest:
             return "identify with the nominal of the vehicle that flew, or without one"
         if self.mode is None:
             return ""
-        return (f"declare [[bending]] near {self.mode.frequency:.3g} rad/s in the nominal; `launchid diagnose` tells its "
-                "size")
+        return (f"declare [[bending]] near {self.mode.frequency:.3g} rad/s in the nominal; `launchid diagnose` tells "
+                "its size")
 
     def line(self, nominal: Nominal) -> str:
         """Return one line that says which numbers do not fit; "" if all do."""

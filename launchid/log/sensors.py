@@ -33,8 +33,8 @@ class Sensed:
     """Columns of a log without what its sensors add, what that was, and the nozzle's scale.
 
     columns  name -> (n,), to be estimated from;  faults  of the sensors, that they are free of;  nozzle_scale  of beta
-    over what the nominal's servo makes of the command: of the sensor, or of the servo;  coarse  in words that theta's steps are too
-    coarse for the filter, else ""
+    over what the nominal's servo makes of the command: of the sensor, or of the servo;  coarse  in words that theta's
+    steps are too coarse for the filter, else ""
     """
 
     columns: dict[str, np.ndarray] = field(default_factory=dict)
