@@ -376,7 +376,7 @@ def clean(args: argparse.Namespace) -> None:
 # ---- any controller
 
 VEHICLES = {"paper": Vehicle(), "light": Vehicle(0.8, -4.0, 70.0, 0.6, 0.004),
-            "agile": Vehicle(4.5, -12.0, 40.0, 0.9, 0.012)}
+            "agile": Vehicle(3.5, -12.0, 40.0, 0.9, 0.012)}
 GAIN_SCALE = {"paper": 1.0, "light": 1.6, "agile": 0.8}   # of the laws' commands: the loops are alike
 LONG, FEW = 10.0, 0.005    # s of a window; of windows that may be beyond three half-widths
 HELD_LEAST, HELD_MOST, REFUSED_MOST = 0.90, 0.98, 0.10

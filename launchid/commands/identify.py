@@ -213,16 +213,18 @@ class Identification(Answer):
         identify_report(self, folder)
 
     def margins(self) -> FlightMargins:
-        """Return the stability margins of the loop as identified, with the nominal's controller.
+        """Return the stability margins of the loop as identified anew by `margins`, in windows of this length.
 
         Raise UsageError unless `filtered` identified a6 and k1 alone (library rigid-body), with a nominal.
         """
-        from .margins import of_identified
+        from .margins import FlightMargins, margins
         c, is_tracked = self.config, any("tracked" in window for window in self.report["windows"])
         if self.nominal is None or c.formulation != "filtered" or c.terms != ("theta", "beta"):
             raise UsageError("margins: expected what the formulation `filtered` identified with a nominal, library "
                              "rigid-body")
-        return of_identified(self.log, self.nominal, c, self.estimates, self.changes, is_tracked)
+        found = margins(self.log, self.nominal, window=c.window, tracked=is_tracked)
+        assert isinstance(found, FlightMargins)
+        return found
 
     def to_control(self, t: float | None = None) -> ControlPlant:
         """Return the airframe as identified in the window that holds t [s] (None: the last valid one), as

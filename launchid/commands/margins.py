@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from sim.errors import UsageError
+from sim.errors import InputError, UsageError
 from sim.sections import Required
 
 from .. import progress
@@ -35,9 +35,14 @@ if TYPE_CHECKING:
     from sim.result import Columns, Figure
 
     from ..log.log import Log
+    from ..robustness.airframe import Damping
     from ..robustness.flight_margins import Servo, WindowMargins
     from ..robustness.flown import Choice
     from ..sources import LogSource, LogSources, NominalSource
+
+
+DAMPING_WINDOW = 10.0  # s of a window that tells the damping: shorter ones tell it from a6 no better
+DAMPING_LIBRARY = "theta,beta,1,theta_dot"
 
 
 def add(commands: Any) -> None:
@@ -110,6 +115,7 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
     from ..identification.windows import identified, log_config, servo_note
     from ..log.commanded import measured_alone, with_nozzle
     from ..log.phases import checked_flight
+    from ..robustness.airframe import is_command, told_damping, with_damping, with_unknown_servo, without_nozzle
     from ..robustness.flight_margins import declared_servo
     from ..robustness.flown import choice
     from ..sources import is_several, load_nominal, read_log, several_logs
@@ -126,13 +132,27 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
             raise UsageError("--tracked needs a nominal")
         return _alone(log, window, strict, asked)
     declared_servo(nominal)  # InputError for a loop without this model, before the log is checked
-    checked_log, believed, said = with_nozzle(checked_flight(read_log(log), nominal, strict=strict), nominal)
-    log = checked_log.log
-    config = log_config(log, believed, str(window), "filtered", True, checked_log.bridged, library="rigid-body")
-    warnings = (*checked_log.warnings, *said, *servo_note(log, nominal, config))
-    result = identified(config, checked_log)
-    return of_identified(measured_alone(log), nominal, result.config, result.judged.estimates,
-                         result.estimator.changes(), tracked, (*warnings, *result.warnings), asked)
+    seen = checked_flight(read_log(log), nominal, strict=strict)
+    if is_command(seen.log):   # nobody saw the nozzle: its servo is estimated from the motion
+        seen = replace(seen, log=without_nozzle(seen.log))
+        nominal = with_unknown_servo(nominal)
+    nominal, damping = with_damping(nominal, told_damping(_with_damping(seen.log)))
+    seen, believed, said = with_nozzle(seen, nominal)
+    config = log_config(seen.log, believed, str(window), "filtered", True, seen.bridged, library="rigid-body")
+    warnings = (*seen.warnings, *said, *servo_note(measured_alone(seen.log), nominal, config))
+    result = identified(config, seen)
+    return of_identified(measured_alone(seen.log), nominal, result.config, result.judged.estimates,
+                         result.estimator.changes(), tracked, (*warnings, *result.warnings), asked, damping)
+
+
+def _with_damping(log: Log) -> Sequence[Estimate]:
+    """Return the windows of a log by the weak form, without a nominal, with the damping of its rate among the terms."""
+    from .identify import Identification, identify
+    try:
+        found = identify(log, window=DAMPING_WINDOW, library=DAMPING_LIBRARY)
+    except InputError:   # too short, for one
+        return []
+    return found.estimates if isinstance(found, Identification) else []
 
 
 def _alone(log: LogSource, window: float, strict: bool, asked: Choice) -> FlightMargins:
@@ -154,18 +174,22 @@ def _alone(log: LogSource, window: float, strict: bool, asked: Choice) -> Flight
 
 def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate],
                   changes: Sequence[Change], tracked: bool, warnings: tuple[str, ...] = (),
-                  asked: Choice | None = None) -> FlightMargins:
+                  asked: Choice | None = None, damping: Damping | None = None) -> FlightMargins:
     """Return the stability margins of the windows that `identify` has estimated (`filtered`); tracked: also of its
-    tracked estimates; warnings: become the result's; asked: which controller's."""
+    tracked estimates; warnings: become the result's; asked: which controller's; damping: of the airframe, as the log
+    tells it and `nominal` has it."""
     from ..identification.windows import next_step, why
     from ..robustness import flight_margins as fm
     from ..robustness.flown import loop_that_flew
     declared = fm.declared_servo(nominal)
     servos = [fm.servo_at(declared, e) for e in estimates]
     flown = loop_that_flew(log, nominal, estimates, servos, asked)
-    windows = fm.flight_margins(estimates, changes, flown, servos, nominal, tracked)
+    if damping is not None:
+        (flown.findings if damping.is_used else flown.assumed).extend(damping.words)
+    windows = fm.flight_margins(estimates, changes, flown, servos, nominal, tracked, damping)
     servo = fm.last_servo(servos, declared)
     report = fm.report(windows, servo, nominal.margins, tracked, flown)
+    report["damping"] = None if damping is None else damping.json
     if not any(window["valid"] for window in report["windows"]):
         report["why"] = why(report["windows"]).replace("is valid", "has margins")
     tested = [{"status": e.status.name} for k, e in enumerate(estimates) if k not in flown.refused]

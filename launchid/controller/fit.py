@@ -115,14 +115,11 @@ class FittedLaw:
 def answered(log: Log, nominal: Nominal | None = None) -> Answered | str:
     """Return a log at its controller's ticks; one sentence instead if they cannot be told.
 
-    nominal  gives test input, deflection limit, and the period of a controller that the log is slower than
+    nominal  gives test input and deflection limit
     """
     there = {name for name in ("beta_cmd", "theta", "theta_dot") if np.isfinite(getattr(log, name)).any()}
     if "beta_cmd" not in there or len(there) < 2:
         return "the log has no " + ("beta_cmd" if "beta_cmd" not in there else "theta and no theta_dot")
-    own = None if nominal is None else nominal.controller
-    if own is not None and log.period > 1.5 * own.period:
-        return f"the log's rows are {log.period:g} s apart, the controller's commands {own.period:g} s"
     t_first = float(log.t[np.isfinite(log.t)][0])
     at = (log.t - t_first) / log.period
     on = (np.abs(at - np.rint(at)) < OFF_GRID) & (at > -OFF_GRID) & (at < 100.0 * len(at))

@@ -12,7 +12,8 @@ from sim.nominal import Nominal
 from sim.sections import Required
 
 from ..log.log import Log
-from ..robustness.flight_margins import MARGINS, Judged, WindowMargins, airframe_of, declared_servo, required_of
+from ..robustness.airframe import airframe_of
+from ..robustness.flight_margins import MARGINS, Judged, WindowMargins, declared_servo, required_of
 from ..robustness.flown import of_nominal
 from ..robustness.gains import kept_over
 from ..robustness.loops import Loops, loops, plants_of

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from launchid_core import Change, Estimate
-from sim.effects import values
 from sim.errors import InputError
 from sim.nominal import Nominal
 from sim.sections import SERVO, Required
@@ -26,8 +25,8 @@ from sim.sections import SERVO, Required
 from ..onboard import onboard_model
 from ..shown import servo_lines
 from . import flown as fl
+from .airframe import Airframe, Damping, airframe_of
 from .gains import allowed, telling
-from .loops import Mode
 from .margin_spread import MARGIN_NAMES, MARGINS, Known, Spread, json_number, margin_spread
 
 # of what has margins or has none; else the estimator's own status
@@ -59,17 +58,6 @@ class WindowMargins(NamedTuple):
     tracked: Judged
 
 
-class Airframe(NamedTuple):
-    """What is known of the loop beside a6, k1, servo and controller: damping [1/s] and its standard deviation, a factor
-    on the commands, modes."""
-
-    damping: float = 0.0
-    damping_std: float = 0.0
-    gain: float = 1.0
-    modes: tuple[Mode, ...] = ()
-    modes_std: tuple[float, ...] = ()   # of frequency [rad/s] and size of each mode
-
-
 def declared_servo(nominal: Nominal) -> Servo:
     """Return a nominal's servo, its sigma as covariance; InputError if the loop has a part without a model."""
     nominal.require("actuator")
@@ -83,59 +71,6 @@ def declared_servo(nominal: Nominal) -> Servo:
     sigma = (model.natural_frequency_sigma * model.natural_frequency, model.damping_ratio_sigma * model.damping_ratio,
              model.delay_sigma)
     return Servo(np.array([model.natural_frequency, model.damping_ratio, model.delay]), np.diag(np.square(sigma)))
-
-
-def airframe_of(nominal: Nominal, t: float = 0.0, seen: Sequence[Any] = ()) -> Airframe:
-    """Return what a nominal's modes and effects add to the loop frozen at t [s].
-
-    seen  the modes as an estimate has them (`Estimate.modes`), in place of the nominal's numbers
-    """
-    damping, gain = 0.0, 1.0
-    modes, std = modes_at(nominal, t)
-    for each in seen:
-        k = next(k for k, mode in enumerate(modes) if mode.name == each.name)
-        modes[k] = modes[k]._replace(frequency=each.frequency, size=each.size)
-        std[2 * k:2 * k + 2] = each.frequency_std, each.size_std
-    for effect in nominal.effects:
-        given = values(effect)
-        if effect.name == "aero_damping":
-            damping += float(given["coefficient"])
-        elif effect.name == "actuator_gain":
-            gain *= float(given["scale"])
-    return Airframe(damping, 0.0, gain, tuple(modes), tuple(std))
-
-
-def modes_at(nominal: Nominal, t: float) -> tuple[list[Mode], list[float]]:
-    """Return a nominal's modes at t [s], those of its effects too, and the standard deviations of each one's frequency
-    and size, which the nominal declares."""
-    modes: list[Mode] = []
-    std: list[float] = []
-    for k, slosh in enumerate(nominal.slosh, 1):
-        frequency, damping, size = (float(x.at(np.array(t)))
-                                    for x in (slosh.frequency, slosh.damping_ratio, slosh.coupling))
-        modes.append(Mode(f"slosh{k}", frequency, damping, size))
-        std += [slosh.frequency_sigma * frequency, slosh.coupling_sigma * abs(size)]
-    for k, bending in enumerate(nominal.bending, 1):
-        frequency, damping, size, rate = (float(x.at(np.array(t))) for x in (
-            bending.frequency, bending.damping_ratio, bending.gain, bending.gyro_gain or bending.gain))
-        modes.append(_bending(f"bending{k}", frequency, damping, size, rate))
-        std += [bending.frequency_sigma * frequency, bending.gain_sigma * abs(size if size != 0.0 else rate)]
-    for effect in nominal.effects:
-        if effect.name in ("slosh", "bending"):
-            given = {key: float(x) for key, x in values(effect).items()}
-            name = f"{effect.name}{1 + sum(mode.name.startswith(effect.name) for mode in modes)}"
-            if effect.name == "slosh":
-                modes.append(Mode(name, given["frequency"], given["damping_ratio"], given["coupling"]))
-            else:
-                modes.append(_bending(name, given["frequency"], given["damping_ratio"], given["gain"], given["gain"]))
-            std += [0.0, 0.0]
-    return modes, std
-
-
-def _bending(name: str, frequency: float, damping: float, gain: float, rate: float) -> Mode:
-    """Return a bending mode that the attitude's sensor sees by `gain` and the gyro by `rate`."""
-    return Mode(name, frequency, damping, gain, 1.0, rate / gain) if gain != 0.0 else \
-        Mode(name, frequency, damping, rate, 0.0, 1.0)
 
 
 def servo_at(declared: Servo, e: Estimate) -> Servo:
@@ -155,9 +90,12 @@ def last_servo(servos: Sequence[Servo], declared: Servo) -> Servo:
 
 
 def flight_margins(estimates: Sequence[Estimate], changes: Sequence[Change], flown: fl.Flown, servos: Sequence[Servo],
-                   nominal: Nominal, is_tracked: bool = True) -> list[WindowMargins]:
-    """Return the margins of each window (estimate) with the controller that is judged in it; is_tracked: also those of
-    the tracked estimates, which else are UNKNOWN."""
+                   nominal: Nominal, is_tracked: bool = True, damping: Damping | None = None) -> list[WindowMargins]:
+    """Return the margins of each window (estimate) with the controller that is judged in it.
+
+    is_tracked  also those of the tracked estimates, which else are UNKNOWN;  damping  how well the log tells it
+    """
+    damping_std = damping.std if damping is not None and damping.is_used else 0.0
     windows = []
     for k, e in enumerate(estimates):
         controller = flown.judged[k]
@@ -166,10 +104,11 @@ def flight_margins(estimates: Sequence[Estimate], changes: Sequence[Change], flo
         else:
             servo = servos[k] if flown.servo is None else servos[k]._replace(covariance=flown.servo)
             middle, seen = 0.5 * (e.t_start + e.t_end), getattr(e, "modes", ())
-            of_window = _of_window(e, changes, servo, controller, airframe_of(nominal, middle, seen))
+            of_window = _of_window(e, changes, servo, controller, airframe_of(nominal, middle, seen, damping_std))
             of_tracked = Judged(UNKNOWN_MARK)
             if is_tracked:
-                of_tracked = _of_tracked(e, changes, servo, controller, airframe_of(nominal, e.t_end, seen))
+                of_tracked = _of_tracked(e, changes, servo, controller,
+                                         airframe_of(nominal, e.t_end, seen, damping_std))
         windows.append(WindowMargins(e.t_start, e.t_end, of_window, of_tracked))
     return windows
 

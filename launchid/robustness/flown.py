@@ -33,6 +33,7 @@ CONTROLLER, MODEL_MARK, UNCHECKED = "CONTROLLER", "MODEL", "UNCHECKED"   # anoth
 FROZEN = "no {}, limit of angle or rate in the loop, all of which stands still"   # of what is left out
 DECLARE = "; declare natural_frequency_sigma, damping_ratio_sigma, delay_sigma in [actuator], and it is estimated"
 AUTO, OF_NOMINAL, OF_LOG, GIVEN = "auto", "nominal", "log", "given"      # sources of the controller that is judged
+SLOWER = 1.5   # of the controller's period: rows that far apart miss commands
 SCALABLE = ("kp", "kd")
 
 
@@ -279,14 +280,14 @@ def fitted_laws(flown: Flown, log: Log, nominal: Nominal | None, estimates: Sequ
     ticks = answered(log, nominal)
     if isinstance(ticks, str):
         return ticks
-    whole, reason = fit_law(ticks), ""
+    whole, reason = _as_fast(fit_law(ticks), log, nominal), ""
     taken = []
     for k in windows:
         own = whole
         if isinstance(own, str):
             part = ticks.part(estimates[k].t_start, estimates[k].t_end)
-            own = fit_law(part)
-            own = fit_law(part, slow=True) if isinstance(own, str) else own
+            own = _as_fast(fit_law(part), log, nominal)
+            own = _as_fast(fit_law(part, slow=True), log, nominal) if isinstance(own, str) else own
         if isinstance(own, str):
             reason = reason or own
         elif np.count_nonzero(np.isfinite(ticks.part(estimates[k].t_start, estimates[k].t_end).command)) \
@@ -302,6 +303,15 @@ def fitted_laws(flown: Flown, log: Log, nominal: Nominal | None, estimates: Sequ
         before = f"{contradicted}; " if contradicted else ""
         flown.findings.append(f"in {counted(taken, estimates)} {before}the controller is the log's:{how} {last.words}")
     return reason
+
+
+def _as_fast(law: FittedLaw | str, log: Log, nominal: Nominal | None) -> FittedLaw | str:
+    """Return a law, or why it need not be the controller's: one without memory explains every second command too, so
+    the rows of a log slower than the nominal's controller need not be all its ticks."""
+    own = None if nominal is None else nominal.controller
+    if isinstance(law, str) or own is None or log.period <= SLOWER * own.period or law.order > 0:
+        return law
+    return f"the log's rows are {log.period:g} s apart, the controller's commands {own.period:g} s"
 
 
 def _by_the_nozzle(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[Estimate], servos: Sequence[Servo],
@@ -344,7 +354,7 @@ def recomputed(log: Log, nominal: Nominal) -> Log | str:
     if lacking:
         return f"the log has no {' and no '.join(lacking)}"
     held = max(1, round(own.period / log.period))
-    if log.period > 1.5 * own.period:
+    if log.period > SLOWER * own.period:
         return f"the log's rows are {log.period:g} s apart, the controller's commands {own.period:g} s"
     error = (getattr(log, seen) - getattr(log, reference))[::held]
     commands, _ = issued(nominal, constants_of(nominal), error, np.full(len(error), -0.0))
@@ -357,11 +367,13 @@ def recomputed(log: Log, nominal: Nominal) -> Log | str:
 def _servos(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[Estimate], servos: Sequence[Servo]) -> None:
     """Refuse windows whose nozzle does not answer the commands as the servo does, or cannot be asked."""
     model = onboard_model(nominal)
-    follows = followed(log, model)
+    of_log = [each.law.period for each in flown.judged if each is not None and each.source == OF_LOG]
+    follows = followed(log, replace(model, noise_period=min(of_log)) if of_log else model)
     is_known = not any(each.covariance.any() for each in servos)
     if isinstance(follows, str):
         if not is_known:
-            flown.assumed.append(f"the servo is as declared, and does not change (not tested: {follows})")
+            flown.assumed.append("the servo does not change, and is what the motion shows of it about the declared one "
+                                 f"(not tested: {follows})")
             return
         others = [k for k in range(len(estimates)) if k not in flown.refused]
         flown.refused |= dict.fromkeys(others, UNCHECKED)

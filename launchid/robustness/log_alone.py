@@ -20,7 +20,8 @@ from launchid_core import Estimate
 from ..log.log import Log
 from ..weakform.judge import Late
 from . import flown as fl
-from .flight_margins import UNKNOWN_MARK, Airframe, Judged, Servo, WindowMargins, margins_of
+from .airframe import Airframe
+from .flight_margins import UNKNOWN_MARK, Judged, Servo, WindowMargins, margins_of
 from .servo_check import contradictions, servo_of, words
 
 AS_FAST_AS_NONE = 2000.0   # rad/s, of a servo that does not lag

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 import launchid
 from launchid.controller.fit import FittedLaw, answered, fit_law
 from launchid.controller.law import Law, law_of
-from launchid.robustness.flight_margins import modes_at
+from launchid.robustness.airframe import modes_at
 from launchid.robustness.flown import choice
 from launchid.robustness.loops import Mode, loops, plants_of
 from launchid.robustness.margin_spread import MARGIN_NAMES, crossings_of, margin_table
@@ -141,13 +141,12 @@ def test_a_log_with_another_sensors_columns_has_no_margins():
 def test_gains_at_the_end_of_their_range_just_keep_what_is_required():
     columns = fly(LAWS["pd"], seed=6, duration=10.0)
     gains = launchid.margins(columns, NOMINAL).report["gains"]
-    for name, (least, largest) in gains.items():
-        assert least < 1.0 < largest
-        for factor, inside in ((largest, 0.99), (least, 1.01)):
-            kept, lost = (launchid.margins(columns, NOMINAL, scale=f"{name}={x}").report
-                          for x in (factor * inside, factor / inside**3))
-            assert not kept["below"] and not kept["may_be_below"]
-            assert lost["below"] or lost["may_be_below"]
+    assert all(least < 1.0 < largest for least, largest in gains.values())
+    for name, factor, inside in (("kp", gains["kp"][1], 0.99), ("kd", gains["kd"][0], 1.01)):
+        kept, lost = (launchid.margins(columns, NOMINAL, scale=f"{name}={x}").report
+                      for x in (factor * inside, factor / inside**3))
+        assert not kept["below"] and not kept["may_be_below"]
+        assert lost["below"] or lost["may_be_below"]
 
 
 def test_given_numbers_are_judged_on_the_vehicle_that_flew():
@@ -226,6 +225,41 @@ def test_a_nominals_modes_are_in_its_loop():
     modes, std = modes_at(nominal, 3.0)
     assert [mode.name for mode in modes] == ["slosh1", "bending1"] and modes[1].at_rate == pytest.approx(1.5)
     assert std == [0.0, 0.0, 0.0, pytest.approx(0.01)]
+
+
+# ---- what the nominal does not know
+
+
+def held_within(found, right: np.ndarray, halves: float) -> bool:
+    """Whether every window has margins, each within so many half-widths of the truth."""
+    for window in found.windows:
+        if window.window.spread is None:
+            return False
+        for x, margin in zip(right, (getattr(window.window.spread, each) for each in MARGIN_NAMES), strict=True):
+            if abs(x - margin.value) > halves * max(margin.high - margin.value, margin.value - margin.low, 2e-3):
+                return False
+    return True
+
+
+def test_damping_that_the_nominal_does_not_have_is_in_the_margins():
+    vehicle = VEHICLE._replace(rate_damping=0.3)
+    found = launchid.margins(fly(LAWS["pd"], vehicle, seed=3, duration=BRIEF), NOMINAL, window=10.0)
+    damping = found.report["damping"]
+    assert abs(damping["value"] - 0.3) < 4.0 * damping["std"] and "the airframe's damping is" in found.summary()
+    assert held_within(found, truth(LAWS["pd"], vehicle), 2.0)
+
+
+@pytest.mark.parametrize("column", ["missing", "the command"])
+def test_a_servo_that_nobody_saw_is_estimated_from_the_motion(column):
+    """Declared without delay, flown with 30 ms."""
+    vehicle = VEHICLE._replace(delay=0.03)
+    columns = fly(LAWS["pd"], vehicle, seed=3, duration=BRIEF)
+    columns["beta"] = columns["beta_cmd"].copy()
+    if column == "missing":
+        del columns["beta"]
+    found = launchid.margins(columns, CONSTANT, window=10.0)
+    assert found.report["actuator"]["delay"]["std"] > 1e-3
+    assert held_within(found, truth(LAWS["pd"], vehicle), 2.0)
 
 
 # ---- without a nominal
