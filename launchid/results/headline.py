@@ -78,10 +78,10 @@ def of_identified(report: dict[str, Any], log: str, options: str, nominal: str |
         head = f"{valid} of {len(windows)} windows are valid; their terms are {', '.join(span[0]['terms'])}."
     if nominal is None:
         follow = f"launchid nominal {log} --out first.toml"
-    elif change:
-        follow = f"launchid diagnose {log} {nominal} --report report"
+    elif has_controller and not change:
+        follow = f"launchid margins {log} {nominal}"
     else:
-        follow = f"launchid {'margins' if has_controller else 'compare'} {log} {nominal}"
+        follow = f"launchid diagnose {log} {nominal} --report report"
     return {"headline": head, "next": report.get("next", follow + options)}
 
 

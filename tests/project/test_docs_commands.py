@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hobby_rocket import Rocket, as_hobby_csv, fly
 
 import launchid
 from launchid.cli.main import main
@@ -94,6 +95,9 @@ def presumed(lines: list[str], folder: Path) -> None:
         for word in inputs_of(words) - known:
             if word == "degrees.csv":
                 in_degrees(folder / word)
+            elif re.fullmatch(r"rocket\d?\.csv", word):
+                number = int(re.sub(r"\D", "", word) or 1)
+                (folder / word).write_text(as_hobby_csv(fly(Rocket(), 10 + number)), encoding="utf-8")
             elif word.endswith(".csv"):
                 seed = int(re.sub(r"\D", "", word) or 3)  # flight1.csv and flight2.csv are two flights
                 flight("constant" if "constant" in words else "vega_like", seed).write(folder / word)
