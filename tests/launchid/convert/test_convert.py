@@ -15,7 +15,7 @@ from written import write_mcap, write_ulog
 import launchid
 from launchid.cli.main import main
 from launchid.convert.columns import mapped, turned
-from launchid.convert.mapping import Map, Source, load_map
+from launchid.convert.mapping import Map, Source, load_map, map_for
 from launchid.convert.readers import foreign_format
 from launchid.log.log import read_log, write_columns
 from sim.errors import InputError
@@ -389,4 +389,5 @@ def test_the_maps_of_the_page_are_maps(tmp_path):
     assert len(blocks) >= 2
     for k, block in enumerate(blocks):
         (tmp_path / f"{k}.toml").write_text(block)
-        assert load_map(tmp_path / f"{k}.toml").sources
+        (tmp_path / "f.csv").write_text("pitch_deg,servo_us\n0,1500\n1,1501\n")
+        assert map_for(tmp_path / "f.csv", tmp_path / f"{k}.toml").sources
