@@ -72,8 +72,10 @@ class First:
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of models that are tried, and diverge: they lose
 def first(log: Log) -> First:
     """Determine the vehicle's numbers from its log.  InputError if columns, rows or motion are missing, or a column
-    holds another quantity than its name says."""
+    holds another quantity, or another multiple of it, than its name says."""
     seen = checked_flight(log, refuse_columns=True)
+    if seen.doubtful:
+        raise InputError(f"{log.path}: {seen.doubtful}")
     log, c = seen.log, channels(seen.log)
     c = replace(c, notes=(*(fault.message for fault in seen.mended if fault.kind == "phases"), *c.notes))
     moving = c.theta if c.has("theta") else c.theta_dot

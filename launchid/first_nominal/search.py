@@ -3,20 +3,24 @@
 Every choice is made by the likelihood with Schwarz' penalty, from the plain model upward.
 """
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim.errors import InputError
+
 from ..sums import combined, inner, square
 from ..weakform.judge import INCREMENT, LARGE
-from ..weakform.rows import Rows, noise_variance
+from ..weakform.rows import LONGEST_ROW_STEP, Rows, noise_variance
 from . import weak
 from .channels import Channels
 from .model import BY_COMMAND, BY_INPUT, BY_MEASUREMENT, Model, command, run
 from .scoring import Fitted, fit, penalised, scores, solved
 
+FEWEST_INCREMENTS = 20   # of the weak form, from which first numbers come
 REPEATED_COMMANDS = 0.25  # of rows repeat the command: it is issued less often than it is logged
 COMMAND_SHARE = 0.5    # share of the nozzle's variance that a delayed command explains, if it drives it
 FIRST_SERVO_FREQUENCY = 40.0  # rad/s, where a servo's frequency is first looked for
@@ -170,6 +174,12 @@ def begin(c: Channels) -> Found:
     idle = float(np.nanmax(u)) == float(np.nanmin(u))
     source = BY_INPUT if idle else source_of(c)
     m = weak.motion(c, source != BY_INPUT)
+    if len(weak.columns(m, ())[1]) < FEWEST_INCREMENTS:
+        edges = m.bounds.tolist()
+        longest = max((float(m.t[b - 1] - m.t[a]) for a, b in itertools.pairwise(edges) if b > a), default=0.0)
+        raise InputError(f"{c.path}: no stretch without a lost row is longer than {longest:.2g} s (a step beyond "
+                         f"{LONGEST_ROW_STEP:g} periods of {c.period:g} s ends one); a first nominal needs some of "
+                         f"{INCREMENT:g} s: log every row, with even stamps")
     best = None
     for terms in STAND_TERMS if large(c) else (PLAIN_TERMS,):
         delay = 0.0 if source == BY_COMMAND or idle else best_delay(c, m, terms)
