@@ -244,6 +244,21 @@ def rest(phi: np.ndarray, y: np.ndarray) -> np.ndarray:
     return y - combined(phi, least(phi, y)) if phi.shape[1] else y
 
 
+def least_squares_covariance(m: Modes, variance: np.ndarray, formulation: str) -> np.ndarray:
+    """Return the covariance (q, q) of coefficients by least squares on differences of theta_dot (`difference`) or on
+    theta_dot itself (`integral`), in modes of this variance (n,).
+
+    Both weigh the modes as if their noise were another one, by 1 and by 1/lambda: (X'WX)^-1 X'WSWX (X'WX)^-1, S the
+    noise's (White, Econometrica 48, 1980).
+    """
+    weight = np.ones(len(m.y)) if formulation == "difference" else 1.0 / m.curl
+    size = np.sqrt(np.maximum(np.sum(m.phi**2 * weight[:, None], axis=0), 1e-300))
+    phi = m.phi / size
+    inverse = np.linalg.pinv(products(phi * weight[:, None], phi), MIN_COLUMN_LEFT, hermitian=True)
+    inner = products(phi * (weight**2 * variance)[:, None], phi)
+    return np.asarray(inverse @ inner @ inverse / np.outer(size, size))
+
+
 def quadrature(m: Stack, xi: np.ndarray) -> np.ndarray:
     """Return variances (a, n) of the integrals' error for coefficients xi (a, q): the square of a fourth of what
     Gregory's rule adds to the trapezium, averaged over neighbouring modes."""

@@ -11,7 +11,7 @@ from launchid_core import Config, Estimate, EstimateStatus
 from ..log.check import CheckedLog
 from ..log.rates import INTERPOLATED
 from ..sums import combined, square
-from .fit import SPAN, Fit, Prior, gls_of_all, least, noise_likelihoods
+from .fit import SPAN, Fit, Prior, gls_of_all, least, least_squares_covariance, noise_likelihoods
 from .judge import (
     INCREMENT,
     LACKING,
@@ -149,7 +149,7 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
     if rows is None:
         return Judged([refused(e, EstimateStatus.SHORT) if e.valid else e for e in estimates],
                       [WindowFit() for _ in estimates], [], unchecked=asked.unchecked, fitted=estimates)
-    made = _made(rows, estimates, asked, doubts, is_weak)
+    made = _made(rows, estimates, asked, doubts, is_weak, config.formulation)
     lacks = {lack.what: lack for _, _, each, _ in made for lack in each}
     untested = sum(e.status == EstimateStatus.UNCHECKED for e, *_ in made)
     reason = asked.unchecked or (f"{untested} windows have too few rows to test {len(asked.terms)} coefficients: "
@@ -204,7 +204,7 @@ def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:
 
 
 def _made(rows: Rows, estimates: list[Estimate], asked: Question, doubts: list[np.ndarray],
-          is_weak: bool) -> list[tuple[Estimate, WindowFit, list[Lack], Estimate]]:
+          is_weak: bool, formulation: str) -> list[tuple[Estimate, WindowFit, list[Lack], Estimate]]:
     """Return for every window (estimate, its fit, what it lacks, the estimate before it was refused)."""
     windows = list[tuple[Rows, tuple[str, ...], Modes | None]]()
     for e in estimates:
@@ -214,14 +214,14 @@ def _made(rows: Rows, estimates: list[Estimate], asked: Question, doubts: list[n
         windows.append((part, terms, m if m and len(m.y) >= PER_COEFFICIENT * (len(terms) + 1) else None))
     fits = window_fits(rows, windows, asked, doubts, is_weak)
     return [((refused(e, EstimateStatus.UNCHECKED) if e.valid else e), WindowFit(), [], e) if m is None or fit is None
-            else _of_window(rows, part, m, fit, e, terms, asked, is_weak)
+            else _of_window(rows, part, m, fit, e, terms, asked, is_weak, formulation)
             for e, (part, terms, m), fit in zip(estimates, windows, fits, strict=True)]
 
 
 def _of_window(rows: Rows, part: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...], asked: Question,
-               is_weak: bool) -> tuple[Estimate, WindowFit, list[Lack], Estimate]:
+               is_weak: bool, formulation: str) -> tuple[Estimate, WindowFit, list[Lack], Estimate]:
     """Return (a window's estimate, its fit, what it lacks, the estimate before it was refused)."""
-    made = of_fit(part, m, fit, e, terms) if is_weak else e
+    made = of_fit(part, m, fit, e, terms) if is_weak else widened(e, m, fit, terms, formulation)
     if asked.unchecked:
         return (refused(made, EstimateStatus.UNCHECKED) if made.valid else made), WindowFit(), [], made
     p, unexplained = left_over(fit, m) if not fit.is_singular else (None, None)
@@ -327,6 +327,17 @@ def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) 
         e, valid=True, status=EstimateStatus.OK, terms=terms, xi=xi, support=support, a6=a6, k1=k1, a6_std=a6_std,
         k1_std=k1_std, a6_k1_corr=corr, a6_dot=of("tau*theta")[0], k1_dot=of("tau*beta")[0], a6_bound=math.nan,
         k1_bound=math.nan, absent={}, terms_std=dict(zip(terms, std.tolist(), strict=True)), rows=len(rows.t))
+
+
+def widened(e: Estimate, m: Modes, fit: Fit, terms: tuple[str, ...], formulation: str) -> Estimate:
+    """Return the estimate of `difference` or `integral` with no smaller deviations than the log's own noise gives such
+    least squares: their own are of the autocorrelation of a window's residuals, of which it shows few periods."""
+    if not e.valid or formulation not in ("difference", "integral") or fit.is_singular:
+        return e
+    own = np.sqrt(np.diag(least_squares_covariance(m, fit.variance, formulation)))
+    std = {term: max(e.terms_std.get(term, 0.0), float(value)) for term, value in zip(terms, own, strict=True)}
+    return replace(e, terms_std={term: std.get(term, value) for term, value in e.terms_std.items()},
+                   a6_std=std.get("theta", e.a6_std), k1_std=std.get("beta", e.k1_std))
 
 
 def changes_of(asked: Question) -> tuple[dict[str, float], dict[str, float]]:
