@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hidden import Spec, fly
 
 import launchid
-from hidden import Spec, fly
 from launchid.weakform.fit import least_squares_covariance
 from launchid.weakform.rows import noises_of
 
