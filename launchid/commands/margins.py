@@ -13,7 +13,7 @@ from sim.errors import InputError, UsageError
 from sim.sections import Required
 
 from .. import progress
-from ..argument_checks import DEFAULT_WINDOW
+from ..argument_checks import DEFAULT_WINDOW, window_for
 from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import (
     LOG_HELP,
@@ -138,7 +138,8 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
         nominal = with_unknown_servo(nominal)
     nominal, damping = with_damping(nominal, told_damping(_with_damping(seen.log)))
     seen, believed, said = with_nozzle(seen, nominal)
-    config = log_config(seen.log, believed, str(window), "filtered", True, seen.bridged, library="rigid-body")
+    config = log_config(seen.log, believed, str(window_for(window, seen.log)), "filtered", True, seen.bridged,
+                        library="rigid-body")
     warnings = (*seen.warnings, *said, *servo_note(measured_alone(seen.log), nominal, config))
     result = identified(config, seen)
     return of_identified(measured_alone(seen.log), nominal, result.config, result.judged.estimates,

@@ -42,13 +42,21 @@ def with_nozzle(seen: CheckedLog, nominal: Believed) -> tuple[CheckedLog, Believ
         return seen, nominal, ()
     columns = (*log.columns[:2], "beta", *log.columns[2:])
     if nominal is None or nominal.actuator is None:
-        return replace(seen, log=replace(log, columns=columns, beta=log.beta_cmd)), nominal, (
+        return _given(seen, columns, log.beta_cmd, 0.0), nominal, (
             f"{log.path}: no column beta: the command is the input, and its delay and lag are fitted",)
-    made = replace(log, columns=columns, beta=predicted(log, nominal), beta_noise=UNSEEN)
     blind = replace(nominal, sensors=replace(nominal.sensors, beta_std=UNSEEN, beta_step=0.0))
-    return replace(seen, log=made), blind, (
+    return _given(seen, columns, predicted(log, nominal), UNSEEN), blind, (
         f"{log.path}: no column beta: the nozzle is predicted from beta_cmd by [actuator] of "
         f"{nominal.path or nominal.name}",)
+
+
+def _given(seen: CheckedLog, columns: tuple[str, ...], beta: np.ndarray, noise: float) -> CheckedLog:
+    """Return the checked log with this nozzle (n,) [rad], in what its estimates are made of too."""
+    made = replace(seen, log=replace(seen.log, columns=columns, beta=beta, beta_noise=noise))
+    if seen.sensed is None:
+        return made
+    return replace(made, sensed=replace(seen.sensed, log=replace(seen.sensed.log, columns=columns, beta=beta,
+                                                                 beta_noise=noise)))
 
 
 def measured_alone(log: Log) -> Log:
