@@ -37,14 +37,16 @@ def _last_digit(std: float) -> tuple[float, int]:
 
 def servo_lines(actuator: dict[str, dict[str, float | None]]) -> list[str]:
     """Return the estimated servo as one line, [] if it was not estimated; actuator: a JSON's natural_frequency [rad/s],
-    damping_ratio and delay [s], each with value and std."""
+    damping_ratio, or time_constant [s], and delay [s], each with value and std."""
     if not any(each["std"] for each in actuator.values()):
         return []
-    w, damping, delay = ((actuator[name]["value"], actuator[name]["std"])
-                         for name in ("natural_frequency", "damping_ratio", "delay"))
-    late = with_std(*(None if x is None else 1e3 * x for x in delay))
-    return [f"servo as estimated: {with_std(*w)} rad/s, damping ratio {with_std(*damping)}, delay {late} ms "
-            f"({PLUS_MINUS})"]
+
+    def of(name: str, unit: float = 1.0) -> str:
+        return with_std(*(None if x is None else unit * x for x in (actuator[name]["value"], actuator[name]["std"])))
+
+    how = f"{of('natural_frequency')} rad/s, damping ratio {of('damping_ratio')}" if "natural_frequency" in actuator \
+        else f"time constant {of('time_constant', 1e3)} ms"
+    return [f"servo as estimated: {how}, delay {of('delay', 1e3)} ms ({PLUS_MINUS})"]
 
 
 def mode_lines(windows: list[dict[str, dict[str, float | None]]]) -> list[str]:
