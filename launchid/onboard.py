@@ -23,13 +23,11 @@ SLOPE_NODES = 129      # of a k1 that is a product of two lines over the flight:
 MODELLED = ("control_effectiveness", "aero_instability", "actuator_delay", "actuator_bandwidth", "control_slope",
             "lateral_drift", "turbulence", "wind_walk", "controller_mismatch")
 TERMS = ("aero_cubic", "missing_term", "nozzle_inertia")  # of theta_ddot
-COMMAND_PATH = ("actuator_backlash", "input_washout")  # on the command that is known
+COMMAND_PATH = ("actuator_backlash", "input_washout", "actuator_rate_limit")  # on the command that is known
 # what no model of the filter is near enough to, and what to do instead
 REFUSED = {
     "friction": "at rest it sticks, which no slope describes: use --formulation integral --library "
                 "\"theta,beta,sign(theta_dot)\"",
-    "actuator_rate_limit": "a servo at its rate limit is not linear: cut the log to where it does not saturate, or "
-                           "declare [actuator] natural_frequency_sigma",
     "attitude_delay": "declare the sum of the delays as actuator_delay: a6 and k1 come out the same, or give the log's "
                       "theta its own stamps",
     "gyro_delay": "leave theta_dot out of the log, or give it its own stamps"}
@@ -256,4 +254,7 @@ def _command_path(nominal: Nominal) -> dict[str, Any]:
     times = [time for time in times if math.isfinite(time)]
     if len(times) > 1:
         raise InputError(f"{nominal.path}: effect 'input_washout' stands {len(times)} times: expected one")
-    return {"backlash": play, "washout": times[0] if times else 0.0}
+    changes = packed(nominal)
+    limit = {} if math.isinf(changes.rate_limit) else {
+        "rate_limit": changes.rate_limit, "rate_wind_up": changes.rate_reach / changes.rate_limit - 1.0}
+    return {"backlash": play, "washout": times[0] if times else 0.0, **limit}

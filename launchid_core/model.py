@@ -27,7 +27,7 @@ SPREADS = ("wind_initial", "turbulence", *OFFSETS)  # of each nuisance, one sigm
 NODE_FIELDS = {"profile_t": ("profile_a6", "profile_k1"), "sigma_t": ("sigma_a6", "sigma_k1"),
                "forecast_t": ("forecast",),
                "drift_t": ("drift_alpha", "drift_beta"), "moment_t": ("known_moment",)}
-AT_LEAST_ZERO = ("delay", "time_constant", "backlash", "command_lag", "washout",
+AT_LEAST_ZERO = ("delay", "time_constant", "backlash", "command_lag", "washout", "rate_limit", "rate_wind_up",
                  "walk", "wind_initial", "turbulence", "gamma_std", *OFFSETS,
                  *(f"{name}_sigma" for name in SERVO), *DRIFTS)
 
@@ -114,6 +114,7 @@ class Model:
     known_cubic [1/rad^2]  c of a6 (alpha + c alpha^3), which acts in place of a6 alpha
     backlash [rad], command_lag [s], washout [s]  half width of a play on the command, time constants of a lag behind
                            it and of a wash-out behind that; 0: none
+    rate_limit [rad/s]     of the servo, 0: none;  rate_wind_up  share of it by which its own rate may run beyond
     a6_drift, k1_drift [1/min]  one sigma of how fast a6 and k1 leave the profile, relative; 0: their ratio to it is
                            constant but for sudden changes
 
@@ -169,6 +170,8 @@ class Model:
     backlash: float = 0.0
     command_lag: float = 0.0
     washout: float = 0.0
+    rate_limit: float = 0.0
+    rate_wind_up: float = 0.0
     natural_frequency_sigma: float = 0.0
     damping_ratio_sigma: float = 0.0
     delay_sigma: float = 0.0

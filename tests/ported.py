@@ -103,7 +103,8 @@ KNOWN = {"effects": tuple(map(from_text, (
     "moment_step:acceleration=0.05,time=20.003", "periodic_disturbance:amplitude=0.04,frequency=3,phase=0.4",
     "aero_cubic:coefficient=10", "missing_term:term=theta^2,coefficient=8",
     "missing_term:term=sin(beta),coefficient=1", "actuator_backlash:half_width=0.002",
-    "actuator_bandwidth:scale=0.6,lag=1", "input_washout:time_constant=15")))}
+    "actuator_bandwidth:scale=0.6,lag=1", "input_washout:time_constant=15", "nozzle_inertia:coefficient=-0.01",
+    "actuator_rate_limit:rate=0.3")))}
 
 
 def known(**choices) -> Config:

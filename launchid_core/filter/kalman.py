@@ -496,6 +496,8 @@ def add_mode_noise(belief, fil, work, k1, command_variance):
 def advance_state(belief, fil, work, f, k1, u, known):
     """Advance the state by one step.  u [rad] command, `known` [rad/s^2] acceleration, both held."""
     x, h, reach = fil.x, fil.step.h, fil.step.reach
+    if belief.rate_limit > 0.0:
+        kn.limit_rate(belief, fil, work, u)
     y0, y1, y2, y3 = x[0], x[1], x[2], x[3]
     b0, b1 = k1 * fil.step.twice[2], k1 * fil.step.once[2]
     x[0] = f[0, 0] * y0 + f[0, 1] * y1 + f[0, 2] * y2 + f[0, 3] * y3 + b0 * u
@@ -511,6 +513,8 @@ def advance_state(belief, fil, work, f, k1, u, known):
     if belief.size.modes > 0:
         x[0] += work.slosh[0]
         x[1] += work.slosh[1]
+    if belief.rate_limit > 0.0:
+        kn.add_limit(belief, fil, work, k1)
 
 
 @inner

@@ -3,7 +3,8 @@
 An acceleration of time acts by its value at a step's middle.  A term c f(theta, theta_dot, beta) acts by its value at
 the predicted state there, and by its slope in F (extended Kalman filter: Gelb, Applied Optimal Estimation, 1974,
 section 6.1); sign(x) by its mean over what is not known of x, erf(x/(sqrt(2) std)) (statistical linearisation, ibid.,
-section 6.2).  The command passes play, lag and wash-out, in this order, before the servo (`sim.effects.actuator`).
+section 6.2).  The command passes play, lag and wash-out, in this order, before the servo (`sim.effects.actuator`).  At
+the limit of its rate the nozzle moves as predicted from its state; the covariance moves as without one.
 
 Assumptions: the command is held from sample to sample; play, lag and what washes out rest at 0 before the first sample.
 """
@@ -20,6 +21,7 @@ from . import states as sx
 
 SIGN = 3                    # place of sign in `library.FUNCTIONS`
 SLOPE_DIFFERENCE = 1.0e-5   # rad, rad/s: half the span of a term's central difference
+LIMIT_PARTS = 16            # of a step in which the servo may reach the limit of its rate
 LEAST_SPREAD = 1.0e-9       # rad, rad/s: of what a sign is of
 # belief.command (f8): half width of the play [rad], time constants of lag and wash-out [s]; 0: none
 HALF_WIDTH, LAG, WASHOUT = range(3)
@@ -99,6 +101,61 @@ def tilt_transitions(belief, fil, work, f, g):
         if belief.constant.held == 1.0:
             g[0, j] += 0.5 * h * reach * row[j]
             g[1, j] += reach * row[j]
+
+
+@inner
+def nozzle_acceleration(belief, fil, u, beta, beta_dot):
+    """Return the second-order servo's beta_ddot [rad/s^2] under the command u [rad], without a limit of its rate."""
+    constant = belief.constant
+    w = fil.servo.frequency if belief.size.servo > 0 else constant.frequency
+    damping = fil.servo.damping if belief.size.servo > 0 else constant.damping
+    return w * w * (u - beta) - 2.0 * damping * w * beta_dot
+
+
+@inner
+def limited_path(belief, fil, u, limit, reach, out):
+    """Move the nozzle over the step by the midpoint rule in LIMIT_PARTS parts.  out (4,): its double integral and
+    integral, its angle and rate at the end.  Returns whether its rate was beyond `limit` [rad/s]; reach [rad/s] that it may run to."""
+    h, beta, beta_dot = fil.step.h / LIMIT_PARTS, fil.x[2], fil.x[3]
+    time = belief.constant.time_constant
+    once, twice, beyond = 0.0, 0.0, False
+    for _ in range(LIMIT_PARTS):
+        rate = (u - beta) / time if time > 0.0 else beta_dot
+        middle = beta + 0.5 * h * min(max(rate, -limit), limit)
+        push = 0.0
+        if time > 0.0:
+            rate = (u - middle) / time
+        else:
+            push = nozzle_acceleration(belief, fil, u, middle, rate + 0.5 * h * nozzle_acceleration(belief, fil, u, beta,
+                                                                                                   rate))
+            rate += 0.5 * h * push
+        beyond = beyond or abs(rate) > limit
+        twice += h * (once + 0.5 * h * middle)
+        once += h * middle
+        beta += h * min(max(rate, -limit), limit)
+        beta_dot = min(max(beta_dot + h * push, -reach), reach)
+    out[0], out[1], out[2], out[3] = twice, once, beta, beta_dot
+    return beyond
+
+
+@inner
+def limit_rate(belief, fil, work, u):
+    """What the limit of the servo's rate takes from the nozzle over the step, into work.limited (4,): as
+    `limited_path`; zeros where it is not reached."""
+    free, limited = work.unlimited[:], work.limited[:]
+    beyond = limited_path(belief, fil, u, belief.rate_limit, belief.rate_reach, limited)
+    limited_path(belief, fil, u, np.inf, np.inf, free)
+    for i in range(4):
+        limited[i] = limited[i] - free[i] if beyond else 0.0
+
+
+@inner
+def add_limit(belief, fil, work, k1):
+    """Add what `limit_rate` found to the state, moved as if there were no limit, and to the drive of k1."""
+    for i in range(2):
+        fil.x[i] += k1 * work.limited[i]
+        fil.x[2 + i] += work.limited[2 + i]
+        work.drive[i, belief.size.beta] += k1 / (1.0 + fil.p_bar[sx.K1]) * work.limited[i]
 
 
 @inner

@@ -202,6 +202,7 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
     belief.known_coefficient[:] = [coefficient for _, coefficient in model.known_terms]
     belief.sines[:] = np.reshape(model.sines, (-1, 3))
     belief.cubic = model.known_cubic
+    belief.rate_limit, belief.rate_reach = model.rate_limit, model.rate_limit * (1.0 + model.rate_wind_up)
     belief.command[:] = (model.backlash, model.command_lag, model.washout)
     option.estimate_levels, option.least_samples = int(config.noise == "estimated"), enough(config)
 
