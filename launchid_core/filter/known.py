@@ -114,8 +114,12 @@ def nozzle_acceleration(belief, fil, u, beta, beta_dot):
 
 @inner
 def limited_path(belief, fil, u, limit, reach, out):
-    """Move the nozzle over the step by the midpoint rule in LIMIT_PARTS parts.  out (4,): its double integral and
-    integral, its angle and rate at the end.  Returns whether its rate was beyond `limit` [rad/s]; reach [rad/s] that it may run to."""
+    """Move the nozzle over the step by the midpoint rule in LIMIT_PARTS parts; return whether its rate was beyond
+    `limit` [rad/s].
+
+    reach [rad/s]  in   that its own rate may run to
+    out (4,)       out  double integral and integral of the angle, angle and rate at the end
+    """
     h, beta, beta_dot = fil.step.h / LIMIT_PARTS, fil.x[2], fil.x[3]
     time = belief.constant.time_constant
     once, twice, beyond = 0.0, 0.0, False
@@ -126,8 +130,8 @@ def limited_path(belief, fil, u, limit, reach, out):
         if time > 0.0:
             rate = (u - middle) / time
         else:
-            push = nozzle_acceleration(belief, fil, u, middle, rate + 0.5 * h * nozzle_acceleration(belief, fil, u, beta,
-                                                                                                   rate))
+            first = nozzle_acceleration(belief, fil, u, beta, rate)
+            push = nozzle_acceleration(belief, fil, u, middle, rate + 0.5 * h * first)
             rate += 0.5 * h * push
         beyond = beyond or abs(rate) > limit
         twice += h * (once + 0.5 * h * middle)
