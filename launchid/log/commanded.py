@@ -51,12 +51,8 @@ def with_nozzle(seen: CheckedLog, nominal: Believed) -> tuple[CheckedLog, Believ
 
 
 def _given(seen: CheckedLog, columns: tuple[str, ...], beta: np.ndarray, noise: float) -> CheckedLog:
-    """Return the checked log with this nozzle (n,) [rad], in what its estimates are made of too."""
-    made = replace(seen, log=replace(seen.log, columns=columns, beta=beta, beta_noise=noise))
-    if seen.sensed is None:
-        return made
-    return replace(made, sensed=replace(seen.sensed, log=replace(seen.sensed.log, columns=columns, beta=beta,
-                                                                 beta_noise=noise)))
+    """Return the checked log with this nozzle (n,) [rad]."""
+    return replace(seen, log=replace(seen.log, columns=columns, beta=beta, beta_noise=noise))
 
 
 def measured_alone(log: Log) -> Log:
