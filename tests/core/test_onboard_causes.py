@@ -5,10 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 from every import every
+from hidden import draw_spec, fly
 
 from launchid.onboard import REFUSED, onboard_model
 from launchid_core import Config, Estimator, Model
-from sim.effects import CATALOGUE, from_text
+from sim.effects import CATALOGUE, effect, from_text
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import Nominal, load_nominal
@@ -55,6 +56,21 @@ def test_the_same_cause_undeclared_is_seen(text):
     """The positive control: the size is one that matters."""
     found = np.concatenate([errors(with_effects(text), with_effects(), seed) for seed in (3, 4)])
     assert np.isnan(found).any() or np.abs(found).max() > 5.0, found
+
+
+@every("cause", ["slosh", "bending", "nozzle_inertia", "actuator_rate_limit", "moment_step", "periodic_disturbance"])
+def test_flights_of_another_simulator_are_understood_by_the_same_words(cause):
+    spec = draw_spec(41, cause, rate=100.0)
+    columns, label = fly(spec)
+    (told,) = label.causes
+    nominal = dataclasses.replace(CONSTANT, effects=(effect(told["cause"], **told["parameters"]),))
+    nothing = np.full(len(columns["t"]), np.nan)
+    rows = np.column_stack([columns["t"], columns["theta"], columns["theta_dot"], columns["beta"], nothing,
+                            columns["beta_cmd"], nothing])
+    estimates = Estimator(Config(window=5.0, formulation="filtered", model=onboard_model(nominal, 0.01))).replay(rows)
+    a6, k1 = 2.0 * (1.0 + spec.dispersion[0]), -7.0 * (1.0 + spec.dispersion[1])
+    off = np.array([((e.a6 - a6) / e.a6_std, (e.k1 - k1) / e.k1_std) for e in estimates])
+    assert np.isfinite(off).all() and np.abs(off).max() < 4.5 and np.sqrt(np.mean(off**2)) < 1.4, off
 
 
 def test_what_is_refused_says_what_to_do():
