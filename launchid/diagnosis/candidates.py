@@ -10,6 +10,7 @@ import numpy as np
 from ..likelihood.command import nozzle_input
 from ..likelihood.estimate import Number
 from .believed import bending, mode
+from .known import CURVES
 from .model import Model
 
 CYCLES = 10.0          # of a line in a log, fewer are a drift
@@ -75,6 +76,7 @@ class Kind:
     when        names of Model's flags that must all be true;  starts  the nonlinear values that a scan tries
     prior       one sigma of the amplitudes;  bounds  (step, low, high) of each nonlinear number
     effective   it scales the input's effect;  once  it happens once
+    curve       the filter's own name of the term that it is, "": its columns act, along the path as filtered
     """
 
     name: str
@@ -89,6 +91,7 @@ class Kind:
     place: str = "plant"
     effective: bool = False
     once: bool = False
+    curve: str = ""
 
     def fits(self, m: Model) -> bool:
         return all(getattr(m.log, each) for each in self.when.split())
@@ -213,12 +216,28 @@ def _quantiles(x: np.ndarray, of: Sequence[float] | np.ndarray) -> list[tuple[fl
     return [(float(each),) for each in np.quantile(x, of)]
 
 
+def _product(term: str, first: int, second: int, when: str) -> Kind:
+    """Return the kind of a term of the second order: the product of two of attitude, rate and nozzle."""
+    def make(m: Model) -> list[Column]:
+        x = m.path.motion[:, first] * m.path.motion[:, second]
+        return [Column(np.append(0.5 * (x[1:] + x[:-1]), x[-1]))]
+
+    def prior(m: Model) -> float:
+        sizes = m.log.scales
+        size = (sizes.theta, sizes.omega, sizes.beta)
+        return sizes.acceleration / (size[first] * size[second])
+    return Kind(term, "missing_term", (term,), 1, make, when, prior=prior, curve=CURVES[term])
+
+
 ANYWHEN, LASTING = (0.02, -1e9, 1e9), (0.02, 0.2, 20.0)   # step and range of an event's time and duration [s]
 TONE = ("sine", "cosine", "frequency")
 CANDIDATE_KINDS = (
     Kind("control_loss", "control_loss", ("fraction", "time"), 1,
          lambda m, time: [Column(-m.log.k1 * m.path.motion[:, 2] * after(m, time))], "input_moves", _onsets,
          lambda m: 0.5, (ANYWHEN,), effective=True, once=True),
+    _product("theta^2", 0, 0, "has_theta"), _product("theta*theta_dot", 0, 1, "has_theta"),
+    _product("theta_dot^2", 1, 1, ""), _product("theta*beta", 0, 2, "has_theta input_moves"),
+    _product("theta_dot*beta", 1, 2, "input_moves"),
     Kind("moment_step", "moment_step", ("acceleration", "time"), 1, lambda m, time: [Column(after(m, time))],
          starts=_onsets, prior=lambda m: m.log.scales.acceleration, bounds=(ANYWHEN,), once=True),
     Kind("gust", "gust", ("angle", "time", "duration"), 1, _gust, "is_flown is_unstable", _pulses, lambda m: 0.2,

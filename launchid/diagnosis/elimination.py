@@ -26,14 +26,18 @@ FREELY = 2.0           # squares that numbers may cost by the information and go
 HOLDS = 0.1            # of the squares of a change of the errors, by which slopes may tell it wrong and still be taken
 TRIES = 3              # groups tried in a step, the cheapest first
 EARLIER = 0.3          # of two that cost alike, the one whose cause is rare goes first, as if it cost so much of it
-RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "friction", "k1_slope", "lateral_drift"}
-SHAPES_OF_NUMBERS = {"cubic", "sine", "term beta^2", "friction"}
+PRODUCTS = {"theta^2", "theta*theta_dot", "theta_dot^2", "theta*beta", "theta_dot*beta"}   # terms of the second order
+RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "friction", "k1_slope", "lateral_drift",
+        *PRODUCTS}
+SHAPES_OF_NUMBERS = {"cubic", "sine", "term beta^2", "friction", *PRODUCTS}
 SHAPE_Z = 4.0          # standard errors that a curve of the motion must save, or any number beside a wrong sensor
 MOST = 0.5             # of what the full model saves: what saves less is not the cause
 CLEAR_Z = 1.65         # standard errors that are enough for what saves more in a stranger's log
 ONE_OF = 12.0          # squares by which one of a set of twins may be worse than all of them, to stand for them
 AT_END = 0.01          # of an end of a shape's range, within which it stands at it
 RIVAL_MARGIN = 0.02    # of what a cause saves, within which another in its place does as well
+SAME_EFFECT = ((("null_angle", "nozzle_bias"), "misalignment"),)   # two, of opposite signs, do what one does
+SAME_LAW = {"washout": "damping", "damping": "washout"}   # of a vehicle without stiffness, at the same value [1/s]
 ALIKE_Z, TWIN_Z = 1.0, 2.0   # standard errors within which one does as well, and one that correlates beyond TWIN
 TWIN = 0.9             # correlation in the full fit
 RELATED_CORRELATION = 0.3  # correlation from which another is tried in its place
@@ -168,7 +172,7 @@ class Search:
         if self.m.log.is_flown and group.name not in KINEMATIC and gain > SHAPE_Z * error:
             removable -= self.by_sensors
         is_clear = not self.m.log.is_flown and gain > max(MOST * removable, EVENT)
-        is_curve = not self.m.log.is_flown and not is_clear and group.name in SHAPES_OF_NUMBERS
+        is_curve = not self.m.log.is_flown and not is_clear and group.kind in SHAPES_OF_NUMBERS
         z = CLEAR_Z if is_clear else SHAPE_Z if is_curve else Z
         return gain > z * error and gain > MIN_SQUARES_SAVED and gain > NAME_SHARE * removable
 
@@ -192,6 +196,7 @@ class Search:
         s = 1.0 / np.sqrt(np.diag(C))
         self.correlation = np.abs(C * np.outer(s, s))
         fit, live, best, e_end = self.take_away(full, e_nominal, e_full)
+        fit, live, e_end = self.by_one(fit, live, e_end)
         fit = fit._replace(J=slopes(m, fit, fit.free))
         kept, fit, e_end, live, idle = self.judged(fit, live, e_nominal, best, e_end)
         while kept and idle:      # they hide what the others are worth
@@ -262,6 +267,22 @@ class Search:
                 break
         return fit, live, best, e_end
 
+    def by_one(self, fit: Fit, live: list[Group], e_end: np.ndarray) -> tuple[Fit, list[Group], np.ndarray]:
+        """Put one number in the place of two whose effects together it has, where rows left out are not worse; return
+        fit, groups left, left-out errors."""
+        named = {g.name: g for g in self.groups}
+        for pair, one in SAME_EFFECT:
+            two = [g for g in live if g.name in pair]
+            if len(two) < len(pair) or one not in named:
+                continue
+            rest = self.without(fit, two, 3)
+            again = rest if named[one] in live else self.with_other(rest, named[one])
+            e = left_out(self.m, again)
+            gain, error = compare(self.m, e, e_end, self.unit)
+            if gain < ALIKE_Z * error:
+                fit, e_end, live = again, e, [*(g for g in live if g not in two and g is not named[one]), named[one]]
+        return fit, live, e_end
+
     def judged(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray,
                e_end: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray, list[Group], list[Group]]:
         """Judge what each group left saves when taken away last; a better rival replaces it.  Return groups kept, fit,
@@ -277,14 +298,15 @@ class Search:
                 gain, error = compare(m, e, e_end, self.unit)
                 alike = []
                 for other in self.groups:
-                    if other is g or other in live or self.related(g, other) < RELATED_CORRELATION:
+                    is_same = SAME_LAW.get(g.name) == other.name and not m.log.has_stiffness
+                    if other is g or other in live or (self.related(g, other) < RELATED_CORRELATION and not is_same):
                         continue
-                    again = self.with_other(rest, other)
+                    again = self.with_other(rest, other, fit.p[list(g.numbers)] if is_same else None)
                     ei = left_out(m, again)
                     gi, si = compare(m, ei, e_end, self.unit)
                     is_common = g.kind in RARE and other.kind not in RARE and not other.is_event and gi < ALIKE_Z * si
                     is_common |= not g.is_listed and other.is_listed and gi < max(ALIKE_Z * si, RIVAL_MARGIN * gain)
-                    if (gi < -si or is_common) and swap is None and other.name not in SHAPES_OF_NUMBERS:
+                    if (gi < -si or is_common) and swap is None and other.kind not in SHAPES_OF_NUMBERS:
                         swap = (again, [each for each in live if each is not g] + [other], ei)
                     if gi < (TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z) * si or gi < RIVAL_MARGIN * gain:
                         alike.append(other.cause)
@@ -309,10 +331,11 @@ class Search:
         m, fit = self.m, self.without(fit, gone, 3)
         return self.judged(fit._replace(J=slopes(m, fit, fit.free)), live, e_nominal, best, left_out(m, fit))
 
-    def with_other(self, rest: Fit, other: Group) -> Fit:
-        """Return the fit `rest`, from which a group is out, refitted with the group `other` in."""
+    def with_other(self, rest: Fit, other: Group, start: np.ndarray | None = None) -> Fit:
+        """Return the fit `rest`, from which a group is out, refitted with the group `other` in, from the numbers
+        `start`; None: those of the full fit."""
         m, p = self.m, rest.p.copy()
-        p[list(other.numbers)] = self.full.p[list(other.numbers)]
+        p[list(other.numbers)] = self.full.p[list(other.numbers)] if start is None else start
         free = tuple(sorted({*rest.free, *other.numbers}))
         new = slopes(m, evaluate(m, p), other.numbers)
         J = np.column_stack([new[:, other.numbers.index(j)] if j in other.numbers else rest.J[:, rest.at(j)]

@@ -19,6 +19,9 @@ GAP = 20.0             # times the first row's length: after a longer one the mo
 LONG = 20.0            # s, of a log that shows what changes slowly
 SMOOTH_INPUT = 0.4     # second over first differences of a measured input, up to which its acceleration is known
 SLOPE_TIME = 0.2       # s over which the size of the acceleration is measured
+CURVES = {"sin(theta)": "sine", "cos(theta)": "cosine", "theta^2": "square", "theta^3": "cube",
+          "sign(theta_dot)": "sign", "theta*theta_dot": "cross", "theta_dot^2": "rate_square",
+          "theta*beta": "theta_beta", "theta_dot*beta": "rate_beta", "beta^2": "beta_square"}   # term: kernel's name
 INPUTS_KEPT = 24       # of the servo's inputs for other delays, lags, ...
 
 
@@ -215,6 +218,12 @@ class KnownLog:
     @cached_property
     def is_unstable(self) -> bool:
         return bool(np.any(self.a6 != 0.0))
+
+    @property
+    def has_stiffness(self) -> bool:
+        """Whether the nominal turns back, or on, with its angle."""
+        return self.is_unstable or any(term.startswith(("theta^", "sin(", "cos(")) or term == "theta"
+                                       for term in self.terms)
 
     @cached_property
     def input_moves(self) -> bool:

@@ -11,13 +11,11 @@ from ..likelihood.estimate import Noise, Table
 from ..likelihood.kernel import ROW, B
 from ..likelihood.likelihood import LEVELS, Parameters, Run, nozzle_path, respond
 from .believed import forcing
-from .known import KnownLog, filled
+from .known import CURVES, KnownLog, filled
 from .noise import Air, noise_of
 from .numbers import usual
 from .track import Track
 
-CURVES = {"sin(theta)": "sine", "cos(theta)": "cosine", "theta^2": "square", "theta^3": "cube",
-          "sign(theta_dot)": "sign", "theta*theta_dot": "cross", "beta^2": "beta_square"}   # term -> the kernel's name
 LINEAR_TERMS = ("1", "theta", "theta_dot", "beta")
 RESPONSE_STEP = 0.02   # s, about, of small responses between two rows
 SIGN_SHARE = 0.05      # of the rms rate, over which a dry friction turns
@@ -157,6 +155,9 @@ class Model:
         z, u = log.z - path.shift, log.input_of(get)
         for shape in self.shapes:
             values = tuple(float(p[at[name]]) for name in shape.names)
+            if shape.kind.curve:
+                c[shape.kind.curve] += values[0]
+                continue
             if not any(values[:shape.kind.linear]):
                 continue
             beta = beta * shape.effectiveness(self, values)

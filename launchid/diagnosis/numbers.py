@@ -7,7 +7,7 @@ import numpy as np
 from sim.sections import Offsets
 
 from ..likelihood.estimate import Number
-from .known import KnownLog
+from .known import CURVES, KnownLog
 
 TOLERANCE_SIGMAS = 2.5  # of a declared tolerance, within which a number is nobody's fault
 SWING = 0.3            # rad rms, from which a body that bends from the line is a pendulum
@@ -15,8 +15,7 @@ LARGEST_SHIFT = 2.0    # of a6, k1 and scales over their nominal value: one sigm
 TIMES = 0.1            # s, one sigma of a delay or lag that nobody declared
 LARGEST_DELAY = 1.0    # s, the largest
 KINEMATIC = ("gyro_bias", "gyro_scale", "gyro_delay")   # say something of the columns alone, and turn no vehicle
-LIBRARY = ("sin(theta)", "cos(theta)", "theta^2", "theta^3", "sign(theta_dot)", "theta*theta_dot", "beta^2", "1",
-           "theta_dot")   # terms of a nominal that are numbers of every model
+LIBRARY = ("1", "theta_dot", *CURVES)   # terms of a nominal that are numbers of every model
 
 
 def usual(log: KnownLog) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table with its conditions

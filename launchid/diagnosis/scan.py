@@ -10,9 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..likelihood.estimate import Fit, Table, gram, inverse, refreshed
+from ..likelihood.estimate import Fit, Table, evaluate, gram, inverse, refreshed, slopes
 from ..sums import along, combined
 from .candidates import CANDIDATE_KINDS, LINES, Kind, Shape, lines_in
+from .elimination import Elimination
 from .model import Model
 
 SQUARES_PROMISED = 25.0  # squares that a shape must promise: chance gives the best of 400 places 12
@@ -48,14 +49,20 @@ class Scanner:
         Y = np.array([m.response(self.run, none if force is None else force,
                                  none if command is None else command.mean(axis=1), still if shift is None else shift)
                       for force, command, shift in kind.make(m, *values)])
+        sizes, saves = self.saved(Y)
+        return Found(kind, values, sizes, saves - EACH * (len(sizes) + len(values) - 1) if saves > 0.0 else 0.0)
+
+    def saved(self, Y: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the best amplitudes (c,) of columns Y (c, r), slopes of the whitened innovations, and the squares that
+        they save; 0 where the free numbers make the columns."""
         V = np.einsum("kn,cn->ck", self.J, Y)
         size = np.einsum("cn,dn->cd", Y, Y)
         G, b = size + V @ self.twice @ V.T, -np.einsum("cn,n->c", Y, self.e)
         if not np.all(np.isfinite(G)) or np.any(np.diag(G) < LOW_OVERLAP * np.diag(size)):
-            return Found(kind, values, np.zeros(len(b)), 0.0)
+            return np.zeros(len(b)), 0.0
         G[np.diag_indices_from(G)] *= 1.0 + 1e-9
         sizes = np.linalg.solve(G + 1e-300 * np.eye(len(b)), b)
-        return Found(kind, values, sizes, float(b @ sizes) - EACH * (len(b) + len(values) - 1))
+        return sizes, float(b @ sizes)
 
     def best(self, kind: Kind) -> Found | None:
         """Return the nonlinear values at which a kind saves most; None if it does not fit the log, or has none."""
@@ -98,3 +105,27 @@ def with_shape(m: Model, p: np.ndarray, found: Found) -> tuple[Model, np.ndarray
     shape = Shape(found.kind, tuple(mark + each for each in found.kind.parameters))
     table = Table.of([*m.table.numbers, *found.kind.numbers(m, shape, found.values)])
     return replace(m, table=table, shapes=(*m.shapes, shape)), np.concatenate([p, found.sizes, found.values])
+
+
+def with_products(m: Model, el: Elimination) -> tuple[Model, np.ndarray]:
+    """Return the model with the terms of the second order added that would explain in the place of a number kept as
+    much as it does, nearly, and the numbers of the full fit with theirs; as they are if none would.
+
+    Along one motion such a term is much like another number (theta^2 like theta^3): beside it the scan finds nothing of
+    it.
+    """
+    there, p, wanted = {shape.kind.name for shape in m.shapes}, el.full.p, {}
+    kinds = [kind for kind in CANDIDATE_KINDS if kind.curve and kind.fits(m) and kind.name not in there]
+    for k in el.kept:
+        if k.group.is_event or k.group.place != "plant":
+            continue
+        free = tuple(j for j in el.final.free if j not in k.group.numbers)
+        at = evaluate(m, k.without)
+        without = Scanner(m, Fit(at.p, at.e, slopes(m, at, free), free, el.final.band, at.run))
+        own = without.saved(slopes(m, at, k.group.numbers[:k.group.linear]).T)[1]
+        for kind in kinds:
+            if without.tried(kind, ()).saves > RIVAL_SHARE * own:
+                wanted[kind.name] = kind
+    for kind in wanted.values():
+        m, p = with_shape(m, p, Found(kind, (), np.zeros(1), 0.0))
+    return m, p

@@ -19,11 +19,12 @@ from ..log.vehicle import plant_faults
 from ..sums import square
 from .adapter import FEWEST_ROWS, Reading, read
 from .adequacy import acts, adequacy, is_rest, other_shape, strangers
-from .elimination import MOST, NAME_SHARE, Elimination, Kept, Search
+from .elimination import MIN_SQUARES_SAVED, MOST, NAME_SHARE, Elimination, Kept, Search
 from .gain import Gain, held_out
 from .model import Model, Stopped
 from .noise import WEATHER
 from .numbers import KINEMATIC, TOLERANCE_SIGMAS
+from .scan import with_products
 from .score import covariance
 from .start import everything, with_found
 
@@ -125,6 +126,11 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
     m, p = with_found(m, el.final, el.full.p)   # shapes that show once the numbers that are not needed are gone
     if len(p) > len(el.full.p):
         el = Search(m, notes).run(p)
+    wider, p = with_products(m, el)
+    if len(p) > len(el.full.p):
+        rival = Search(wider, notes).run(p)
+        if square(rival.e_final) < square(el.e_final) + MIN_SQUARES_SAVED:   # else it found a worse minimum
+            m, el = wider, rival
     say("held-out gain")
     result = decided(m, reading, nominal, el)
     if result.verdict == "unexplained":   # for the unit or the sign of a column, which no cause of the vehicle is

@@ -22,7 +22,7 @@ from .channels import Channels
 BY_COMMAND, BY_MEASUREMENT, BY_INPUT = "command", "measurement", "input"   # where the nozzle comes from
 LONG_GAP = 0.2         # s: over a longer gap nothing of the motion is kept,
 GAP_PERIODS = 20.0     # sample periods, where that is longer: of a slower log the vehicle is slower, too
-FILTER_STEP = 0.0067   # s of the filter between two rows, at most: a tenth of a servo's time
+FILTER_STEP = 0.002    # s of the filter between two rows, at most: a swing of 5 rad/s has its a6 to 2e-5
 DIFFUSE_FACTOR = 1e3   # times a channel's size: what is not known before the first sample
 WIDE_FACTOR = 10.0     # the same of the nozzle, which moves about where it was
 FIRST_ROWS = 10        # rows in which the start is found

@@ -13,10 +13,9 @@
     z_rate  = s (omega - dw omega') + g0 + bending' + n
     z_beta  = b + b0 + n
 
-Between two rows lie equal steps.  Servo and modes are exact over each (the command is its mean).  The vehicle's path is
-of third order in the step, by omega' and its slope at both ends (Hairer, Norsett and Wanner, Solving Ordinary
-Differential Equations I, 1993, II.13), its covariance of second.  Anderson and Moore, Optimal Filtering, 1979, ch. 8
-(EKF) and 6.2 (one scalar measurement at a time); Jazwinski 1970, th. 7.2 (prediction).
+Between two rows lie equal steps.  Servo and modes are exact over each (the command is its mean), the vehicle is of
+second order in the step.  Anderson and Moore, Optimal Filtering, 1979, ch. 8 (EKF) and 6.2 (one scalar measurement at a
+time); Jazwinski 1970, th. 7.2 (prediction).
 
 What a run reads of its model are four arrays: the commands, and three of a structured type, which a kernel sees as
 records: NUMBERS (one), ROW (one a row), MODE (one a row and mode).
@@ -31,15 +30,14 @@ from sim.vehicle.kernels import apart, inner, kernel
 TH, OM, M, G, B, V = range(6)   # the states that are always there: theta, omega, m, g, b, v; then each mode's p, p'
 CORE = 6
 FIRST_ORDER_SERVO, SECOND_ORDER_SERVO, NO_SERVO, FREE_NOZZLE = range(4)
-TURNS = 0.5                     # of a step times a slope in omega, from which no series of omega' holds over the step
 RAN_AWAY = 1e7                  # rad or rad/s: a model that ran away is set back to the log
 
 NUMBERS = np.dtype([(name, np.float64) for name in (
     # sensors: dt, dw [s], s, g0 [rad/s], b0 [rad]
     "attitude_delay", "gyro_delay", "gyro_scale", "gyro_bias", "nozzle_bias",
-    # curves of the acceleration: coefficients of theta^2, theta^3, sign(theta_dot) [rad/s^2], theta theta_dot; the
-    # rate [rad/s] over which the sign turns
-    "square", "cube", "sign", "cross", "sign_rate",
+    # curves of the acceleration: coefficients of theta^2, theta^3, sign(theta_dot) [rad/s^2], theta theta_dot,
+    # theta_dot^2, theta b, theta_dot b; the rate [rad/s] over which the sign turns
+    "square", "cube", "sign", "cross", "rate_square", "theta_beta", "rate_beta", "sign_rate",
     # nozzle: k2 [1/s^2], kappa, kind of servo, w [rad/s], zeta, the time over which a command's noise is held [s]
     "beta_square", "inertia", "servo", "frequency", "damping_ratio", "command_period",
     # air: times [s] of m and g
@@ -59,7 +57,8 @@ MODE = np.dtype([(name, np.float64) for name in ("frequency", "damping_ratio", "
 
 @apart
 def _is_curved(c, rows):
-    if c.square != 0.0 or c.cube != 0.0 or c.sign != 0.0 or c.cross != 0.0:
+    if c.square != 0.0 or c.cube != 0.0 or c.sign != 0.0 or c.cross != 0.0 or c.rate_square != 0.0 or \
+            c.theta_beta != 0.0 or c.rate_beta != 0.0:
         return True
     for k in range(len(rows)):
         if rows[k].sine != 0.0 or rows[k].cosine != 0.0:
@@ -75,9 +74,12 @@ def _acceleration(x, force, row, b, c, curved):
     at, aw, ab = row.theta, row.theta_dot, row.beta + 2.0 * c.beta_square * b
     if curved:
         th, om = x[TH], x[OM]
-        a += (c.square + c.cube * th) * th * th + c.cross * th * om
-        at += (2.0 * c.square + 3.0 * c.cube * th) * th + c.cross * om
-        aw += c.cross * th
+        a += (c.square + c.cube * th) * th * th + (c.cross * th + c.rate_square * om) * om
+        at += (2.0 * c.square + 3.0 * c.cube * th) * th + c.cross * om + c.theta_beta * b
+        aw += c.cross * th + 2.0 * c.rate_square * om + c.rate_beta * b
+        by_state = c.theta_beta * th + c.rate_beta * om
+        a += by_state * b
+        ab += by_state
         if row.sine != 0.0 or row.cosine != 0.0:
             s, co = math.sin(th), math.cos(th)
             a += row.sine * s + row.cosine * co
@@ -87,12 +89,6 @@ def _acceleration(x, force, row, b, c, curved):
             a += c.sign * s
             aw += c.sign * (1.0 - s * s) / c.sign_rate
     return a, at, aw, ab
-
-
-@apart
-def _rise(om, a, at, aw, h):
-    """Return the slope of omega' in time, the nozzle held; 0 where a dry friction turns within the step h [s]."""
-    return at * om + aw * a if abs(aw) * h < TURNS else 0.0
 
 
 @apart
@@ -210,12 +206,11 @@ def _move(x, u, s, o, row, modes, c, curved, F, wants):
         F[1, M], F[1, G] = (h + q * aw) * row.m, (h + q * aw) * row.g
         F[1, B], F[1, V] = h * ab * s[4] + c.inertia * s[2], h * ab * s[5] + c.inertia * (s[3] - 1.0)
         F[1, n] = h * ab * (1.0 - s[4]) - c.inertia * s[2]
-    rise = _rise(om, a, at, aw, h)
-    x[TH] = th + h * (om + 0.5 * h * a)
-    x[OM] = om + h * (a + 0.5 * h * rise)
+    x[TH] = th + h * om
+    x[OM] = om + h * a
     a2, at, aw, ab = _acceleration(x, later, row, b, c, curved)
     x[TH] = th + h * (om + h * (2.0 * a + a2) / 6.0 + 0.5 * kick)
-    x[OM] = om + 0.5 * h * (a + a2) + h * h / 12.0 * (rise - _rise(x[OM], a2, at, aw, h)) + kick
+    x[OM] = om + 0.5 * h * (a + a2) + kick
     x[M] *= s[7]
     x[G] *= s[8]
     x[B] = u + s[0] * off + s[1] * x[V]

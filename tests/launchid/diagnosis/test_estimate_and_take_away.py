@@ -14,8 +14,9 @@ from launchid.diagnosis.model import Model
 from launchid.diagnosis.verdict import diagnose
 from launchid.likelihood.command import nozzle_input, played
 from launchid.likelihood.estimate import evaluate, fit_levels, level_deviation
-from launchid.log.log import log_of_values
-from sim.effects import CATALOGUE
+from launchid.log.log import flown_log, log_of_values
+from sim.effects import CATALOGUE, from_text
+from sim.flight import fly_whole
 from sim.nominal import load_nominal
 
 LONG = pytest.mark.campaign
@@ -70,6 +71,17 @@ def test_an_input_of_another_time_is_another_controller_s(drop):
 def test_an_integral_is_another_law_where_the_log_misses_every_other_command():
     log, _ = hidden(("pilot_integral",), 71013, "vega_like", rate=50.0)
     assert read(log, load_nominal("vega_like")).controller.is_foreign
+
+
+@pytest.mark.parametrize("term", ["theta^2", pytest.param("theta*theta_dot", marks=LONG)])
+def test_a_term_of_the_second_order_is_not_called_another_curve(term):
+    """Along one motion theta^2 is much like a6's own curve, theta^3."""
+    nominal = load_nominal("constant")
+    log = flown_log(fly_whole(nominal, 4, effects=[from_text(f"missing_term:term={term},coefficient=3")]))
+    cause, = diagnose(log, nominal).named
+    assert (cause.cause, cause.parameters["term"][0]) == ("missing_term", term)
+    value, std = cause.parameters["coefficient"]
+    assert abs(value - 3.0) < 4.0 * std
 
 
 # ---- laws of the parts

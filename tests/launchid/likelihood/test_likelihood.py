@@ -100,13 +100,13 @@ def test_a_servo_answers_a_step_as_its_equation(ratio):
     assert made.X[1:, kernel.B] == pytest.approx(exact.real[1:], abs=1e-12)
 
 
-def test_a_swing_has_its_period_to_the_third_order_of_the_step():
+def test_a_swing_has_its_period_to_the_second_order_of_the_step():
     w, nobody = 4.5, np.full((200, 3), np.nan)
     nobody[0, :2] = 0.3, 0.0
     p = parameters(nobody, np.zeros(200), modes=False, acceleration_noise=0.0)
     p.rows["theta"] = -w * w
     ends = [run(p._replace(u=np.zeros((200, steps)))).X[:, kernel.TH] - 0.3 * np.cos(w * p.t[:-1]) for steps in (1, 2)]
-    assert np.max(np.abs(ends[1])) < np.max(np.abs(ends[0])) / 7.0 < 1e-4
+    assert np.max(np.abs(ends[1])) < np.max(np.abs(ends[0])) / 3.5 < 2e-3
 
 
 def test_a_servo_alone_is_a_vehicle_that_nobody_measures(flown):
