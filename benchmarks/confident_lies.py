@@ -25,9 +25,9 @@ from flights import OFFSETS, WIND, Table, arguments, nominal, run_jobs
 from launchid.diagnosis.answer import report
 from launchid.diagnosis.verdict import diagnose
 from launchid.identification.windows import onboard_model, run
+from launchid.judge.refusal import withdrawn
 from launchid.likelihood.estimate import information
 from launchid.log.log import flown_log
-from launchid.weakform.windows import withdrawn
 from launchid_core import Config, EstimateStatus
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters

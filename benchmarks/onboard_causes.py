@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from launchid.identification.windows import run
+from launchid.judge.refusal import withdrawn
 from launchid.onboard import onboard_model
-from launchid.weakform.windows import withdrawn
 from launchid_core import Config, Estimate
 from sim.effects import from_text
 from sim.errors import InputError

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ..log.log import Log
     from ..results.control_systems import ControlPlant
     from ..sources import LogSource, LogSources, NominalSource
-    from ..weakform.judge import Late
+    from ..weakform.late import Late
     from .margins import FlightMargins
 
 

@@ -7,12 +7,15 @@ import numpy as np
 
 from sim.errors import InputError
 
+from ..judge.lack import Lack
+from ..judge.question import question
+from ..judge.window import WRONG, against
 from ..log.log import Log
 from ..log.phases import checked_flight
 from ..log.rates import INTERPOLATED, rate_of
 from ..weakform.fit import gls
-from ..weakform.judge import FAST_THETA, WRONG, Lack, Lead, against, question
-from ..weakform.rows import term_modes
+from ..weakform.late import Lead
+from ..weakform.rows import FAST_THETA, term_modes
 from . import weak
 from .channels import Channels, channels
 from .model import BY_COMMAND, BY_MEASUREMENT, command, run
@@ -287,7 +290,7 @@ def driving(value: float, std: float, driver: str) -> str:
 
 
 def lacking(numbers: First, result: Found, driver: str) -> list[str]:
-    """Return sentences on effects that the model lacks and that would move its numbers, found by `weakform.judge`."""
+    """Return sentences on effects that the model lacks and that would move its numbers, found by `judge.question`."""
     m, model = result.motion, result.fitted.model
     a6, k1 = (x / x[np.argmax(np.abs(x))] if np.any(x) else np.ones(len(m.t)) for x in model.at(m.t))  # as they vary
     if model.sine:

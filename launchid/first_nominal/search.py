@@ -12,8 +12,8 @@ import numpy as np
 
 from sim.errors import InputError
 
+from ..judge.terms import INCREMENT, LARGE
 from ..sums import combined, inner, square
-from ..weakform.judge import INCREMENT, LARGE
 from ..weakform.rows import LONGEST_ROW_STEP, Rows, noise_variance
 from . import weak
 from .channels import Channels

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..judge.terms import INCREMENT
 from ..sums import combined, least_squares, square
-from ..weakform.judge import INCREMENT
 from ..weakform.rows import LONGEST_ROW_STEP, SLOPE_SPAN, Rows, increments, slope, with_noise_levels
 from .channels import Channels
 from .model import BY_COMMAND, BY_MEASUREMENT, Model, command

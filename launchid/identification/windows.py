@@ -16,17 +16,18 @@ from sim.nominal import Nominal
 from sim.sections import SERVO, Offsets
 
 from .. import progress
+from ..judge.lack import AT_REST, LIBRARY, Lack
 from ..judge.nominal import FITS, NominalTest, lines, tested
+from ..judge.refusal import disbelieved, withdrawn
 from ..judge.scale import between_scales
+from ..judge.windows import Judged, judged_windows
 from ..log.check import CheckedLog
 from ..log.log import Log
 from ..log.rates import HELD_WORD
 from ..log.steps import with_steps
 from ..onboard import MODELLED, onboard_model
 from ..shown import mode_lines, servo_lines, slow_hint, with_std
-from ..weakform.judge import LIBRARY, Lack
 from ..weakform.rows import FAST_THETA, near_all
-from ..weakform.windows import AT_REST, Judged, disbelieved, judged_windows, withdrawn
 
 PART = 50_000  # samples between two reports of progress: about a fifth of a second
 

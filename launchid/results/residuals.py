@@ -23,12 +23,13 @@ from launchid_core import Estimate
 from sim.errors import InputError
 from sim.nominal import Nominal
 
+from ..judge.refusal import active_terms
+from ..judge.terms import INCREMENT
 from ..log.check import checked
 from ..log.log import Log
 from ..sums import inner, square
-from ..weakform.judge import INCREMENT, Late
+from ..weakform.late import Late
 from ..weakform.rows import SLOPE_SPAN, Rows, column, increments, noise_variance, slope, usable
-from ..weakform.windows import active_terms
 
 HORIZONS = (0.1, 0.5, 1.0)  # s
 # increments from one to the next that counts for whiteness: neighbours share a sample and its noise

@@ -18,7 +18,7 @@ import numpy as np
 from launchid_core import Estimate
 
 from ..log.log import Log
-from ..weakform.judge import Late
+from ..weakform.late import Late
 from . import flown as fl
 from .airframe import Airframe
 from .flight_margins import UNKNOWN_MARK, Judged, Servo, WindowMargins, margins_of

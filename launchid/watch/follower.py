@@ -24,11 +24,11 @@ from ..identification.windows import (
     report,
     tracked_json,
 )
+from ..judge.refusal import disbelieved
 from ..log.live import LiveCheck
 from ..log.log import Log, log_of
 from ..robustness.level import level_json, ranged_model
 from ..shown import servo_lines
-from ..weakform.windows import disbelieved
 from .last_rows import LastRows
 from .live import Live, Row
 from .rate import Rate

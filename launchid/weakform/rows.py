@@ -42,8 +42,6 @@ STEADY_TIME = 0.25   # s to either side at most, over which theta_dot's integral
 ROUGH_ORDERS = (3, 8)  # of the differences of beta that tell its noise, which both show alike, from motion
 ROUGH_ROWS = 10_000  # to either side of the log's middle, of which its roughness is asked
 ROUGH_LAGS = 4       # rows, this one among them, by which beta may follow what else is logged
-LAGS_KEPT = 12.0    # lags, of the response that is computed
-LAGS_FORGOTTEN = 3.0  # of a stretch's beginning, after which what was not logged acts no more
 NUDGE = 1.0e-6      # rad, rad/s: of a difference quotient
 TERM_FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
 
@@ -492,53 +490,6 @@ def derivatives(rows: Rows, term: str, value: np.ndarray) -> tuple[np.ndarray, n
 def table_of(rows: Rows, terms: tuple[str, ...], attack: np.ndarray, rate: np.ndarray) -> np.ndarray:
     """Return the values (n, q) of terms at the rows, with `attack` for theta and `rate` for theta_dot, (n,) each."""
     return np.column_stack([values_of(rows, term, attack, rate, rows.beta) for term in terms])
-
-
-def later(rows: Rows, lead: float) -> np.ndarray:
-    """Return beta (n,) delayed by `lead` [s]; of a held beta the mean over each step."""
-    t = rows.t
-    if not rows.is_held:
-        return np.interp(t - lead, t, rows.beta)
-    steps = np.append(np.diff(t), rows.period)
-    edges = np.append(t, t[-1] + rows.period)
-    whole = np.concatenate([[0.0], np.cumsum(rows.beta * steps)])
-    moved = np.interp(edges - lead, edges, whole)
-    at = edges - lead   # before the first row and behind the last its input is that of these
-    moved += np.minimum(at - edges[0], 0.0) * rows.beta[0] + np.maximum(at - edges[-1], 0.0) * rows.beta[-1]
-    return np.asarray(np.diff(moved) / steps)
-
-
-def lagging(rows: Rows, lag: float) -> np.ndarray:
-    """Return beta (n,) filtered by a first-order lag of time constant `lag` [s]; each stretch begins at rest."""
-    acting = rows.beta.copy()
-    for a, b in itertools.pairwise(rows.bounds.tolist()):
-        grid = rows.t[a] + rows.period * np.arange(math.ceil((rows.t[b - 1] - rows.t[a]) / rows.period) + 2)
-        last = np.searchsorted(rows.t[a:b], grid, side="right") - 1
-        beta = rows.beta[a:b][last] if rows.is_held else np.interp(grid, rows.t[a:b], rows.beta[a:b])
-        ages = rows.period * np.arange(min(len(grid), math.ceil(LAGS_KEPT * lag / rows.period)) + 1)
-        weight = -np.diff(np.exp(-ages / lag))
-        x = beta - beta[0]
-        response = np.convolve(x if rows.is_held else 0.5 * (x + before(x)), weight)[:len(grid)]
-        if rows.is_held:   # what is held acts from its row on
-            response = np.concatenate([[0.0], response[:-1]])
-        acting[a:b] = beta[0] + np.interp(rows.t[a:b], grid, response)
-    return acting
-
-
-def without_beginnings(rows: Rows, length: float) -> Rows:
-    """Return the rows less the first `length` [s] of each stretch, where beta of before, not logged, still acts."""
-    known = rows.t >= np.repeat(rows.t[rows.bounds[:-1]], np.diff(rows.bounds)) + length
-    kept = np.add.reduceat(known, rows.bounds[:-1])
-    arrays = {name: getattr(rows, name)[known] for name in ("t", "theta", "gamma", "theta_dot", "beta", "fast")}
-    return replace(rows, **arrays, bounds=np.concatenate([[0], np.cumsum(kept[kept > 0])]))
-
-
-def acting_later(rows: Rows, lead: float, lag: float, order: int = 1) -> Rows:
-    """Return the rows with beta delayed by `lead` [s] and behind `order` equal first-order lags, `lag` [s] in all."""
-    acting = rows
-    for _ in range(order if lag > 0.0 else 0):
-        acting = replace(acting, beta=lagging(acting, lag / order), is_held=False)
-    return replace(acting, beta=later(acting, lead)) if lead else acting
 
 
 def ends_of(rows: Rows, terms: tuple[str, ...], values: np.ndarray, beta: np.ndarray) -> np.ndarray:

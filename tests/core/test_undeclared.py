@@ -10,8 +10,8 @@ from cut import carried, cut_of, fed, reseal
 from unjitted import unjitted
 
 from launchid.identification.windows import next_step, onboard_model, report, run
+from launchid.judge.refusal import withdrawn
 from launchid.robustness.level import ranged_model
-from launchid.weakform.windows import withdrawn
 from launchid_core import Config, EstimateStatus, Estimator, Status
 from launchid_core.filter import states as sx
 from launchid_core.order.memory import named_arrays

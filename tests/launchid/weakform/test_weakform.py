@@ -12,12 +12,13 @@ import public_flights as flights
 import pytest
 
 import launchid
+from launchid.judge.question import Question, question
 from launchid.log.check import checked
 from launchid.log.log import log_of
 from launchid.sources import read_log
 from launchid.weakform.fit import SPAN, gls, noise_likelihoods, spectrum, whiteness
-from launchid.weakform.judge import FAST_THETA, Question, question
-from launchid.weakform.rows import Rows, acting_later, sines, term_modes, usable, without_beginnings
+from launchid.weakform.late import acting_later, without_beginnings
+from launchid.weakform.rows import FAST_THETA, Rows, sines, term_modes, usable
 from sim.flight import parameters
 from sim.nominal import load_nominal
 

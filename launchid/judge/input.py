@@ -1,0 +1,145 @@
+"""Ask when beta acts, and whether beta of another time explains as much (placebo)."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..weakform.estimate import slopes_of
+from ..weakform.fit import noise_likelihoods
+from ..weakform.late import LAGS_FORGOTTEN, SHIFT, Late, Lead, acting_later, with_betas, without_beginnings
+from ..weakform.pieces import Piece, fitted, likelihood, moved
+from ..weakform.rows import Rows, term_modes
+from .table import TESTS
+
+STRETCH = TESTS["stretches without a gap"].limit  # s
+TERM_SIGMAS = TESTS["no further term"].limit  # standard deviations
+MOST_DELAY = 0.3     # s either way
+DELAY_STEP = 0.0125  # s of the first search
+LAGS = (0.0, 0.01, 0.02, 0.035, 0.055, 0.08, 0.12, 0.18, 0.27, 0.4)  # s of a servo or motor, that are tried
+LEAST_DELAY = -0.025  # s behind a lag: beta acts no sooner, and the best may lie at none
+FEWEST_CLOCK = 6     # pieces that say when beta acts, for a clock that runs slow
+SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
+SAME_INPUT = 0.9     # |correlation| of a shifted beta with itself: an input that repeats is no placebo
+BEYOND = TESTS["no placebo"].limit  # of the likelihood that beta gains
+MOST_PLACEBO = 12    # pieces, evenly over the log, of which placebos are asked
+
+
+def lead_of(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, least: float = -MOST_DELAY) -> Lead | None:
+    """Return the time [s] by which beta leads its effect, the shift from `least` to MOST_DELAY at which terms leave
+    least; None where beta is in no term, or the best shift is at an end."""
+    if not any("beta" in term for term in terms):
+        return None
+    grid = DELAY_STEP * np.arange(round(least / DELAY_STEP), round(MOST_DELAY / DELAY_STEP) + 1)
+    at = np.array([piece.unexplained(terms, grid.tolist()) for piece in pieces])
+    k = int(np.argmin(np.sum(at, axis=0)))
+    if not 0 < k < len(grid) - 1:
+        return None
+    value, std = float(grid[k]), None
+    for step in (DELAY_STEP, 0.25 * DELAY_STEP, 0.1 * DELAY_STEP):
+        leads = [value - step, value, value + step]
+        low, middle, high = np.sum([piece.unexplained(terms, leads) for piece in pieces], axis=0).tolist()
+        bend = low - 2.0 * middle + high
+        if not bend > 0.0:   # flatter than the numbers' own error
+            break
+        value += step * float(np.clip(0.5 * (low - high) / bend, -1.0, 1.0))
+        std = step * math.sqrt(2.0 / bend)
+    return None if std is None else clocked(pieces, at, Lead(value, std), rows)
+
+
+def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) -> Late | None:
+    """Return how much later than it is logged beta acts, by the largest likelihood: after a delay, and behind a lag (of
+    first order, or two of half its length) where that is more likely than a delay alone. One set of coefficients, with
+    linear drifts of a6 and k1, holds for the whole log: in a piece with its own coefficients in which little else
+    moves, the controller's instant response to noise would pass for the time at which beta acts.
+
+    None if neither is significant, if the terms of `rival` with a beta that acts at once are more likely, if the lag is
+    beyond LAGS, or if stretches are too short to tell. The lag and its deviation are those of the parabola through the
+    best of LAGS and its neighbours.
+    """
+    begins, tried = LAGS_FORGOTTEN * LAGS[-1], list[tuple[float, Lead]]()
+    if rows.stretch < begins + MOST_DELAY + STRETCH:
+        return None
+    terms, rival = (*terms, *slopes_of(terms)), (*rival, *slopes_of(rival)) if rival else ()
+    shapes = [(order, lag) for order in (1, 2) for lag in LAGS[order - 1:]]
+    for order, each in shapes:
+        late_rows = without_beginnings(acting_later(rows, 0.0, each, order), begins)
+        pieces = fitted([(late_rows, term_modes(late_rows, terms))])
+        left = lead_of(pieces, terms, rows, LEAST_DELAY) or Lead(0.0, math.inf)
+        left = left if left.value > 0.0 else Lead(0.0, left.std)
+        tried.append((likelihood([moved(piece.rows, left.value) for piece in pieces], terms), left))
+    gains = 2.0 * (np.array([each for each, _ in tried]) - tried[0][0])
+    best = int(np.argmax(gains))
+    if gains[best] > TERM_SIGMAS**2:
+        order, largest = shapes[best]
+        if largest == LAGS[-1]:
+            return None
+        near = [best - 1 if shapes[best - 1][0] == order else 0, best, best + 1]
+        bend, slope, _ = np.polyfit([shapes[k][1] for k in near], -0.5 * gains[near], 2).tolist()
+        if not bend > 0.0:
+            return None
+        late = Late(tried[best][1], (-0.5 * slope / bend, 1.0 / math.sqrt(2.0 * bend)), order)
+    else:
+        best, late = 0, Late(tried[0][1])
+    if not (late.lag[0] or late.lead.is_sure):
+        return None
+    return None if rival and tried[best][0] < likelihood([without_beginnings(rows, begins)], rival) else late
+
+
+def clocked(pieces: list[Piece], at: np.ndarray, lead: Lead, rows: Rows) -> Lead:
+    """Return the lead, with its growth where that of two clocks is sure.
+
+    at (pieces, shifts)   weighted squares that each piece leaves at the shifts that were tried
+    The growth is the slope of a line through the leads of single pieces; its deviation is by their scatter about the
+    line, if that is more than their own: what a model does not explain makes leads that come and go, and no clock.
+    """
+    told = list[tuple[float, float, float]]()
+    for piece, left in zip(pieces, at, strict=True):
+        k = int(np.argmin(left))
+        bend = left[k - 1] - 2.0 * left[k] + left[k + 1] if 0 < k < len(left) - 1 else 0.0
+        if bend > 0.0:
+            off = 0.5 * (left[k - 1] - left[k + 1]) / bend
+            told.append((0.5 * float(piece.rows.t[0] + piece.rows.t[-1]),
+                         DELAY_STEP * (k - 0.5 * (len(left) - 1) + off), DELAY_STEP * math.sqrt(2.0 / bend)))
+    if len(told) < FEWEST_CLOCK:
+        return lead
+    t, leads, stds = np.array(told).T
+    w = 1.0 / stds**2
+    middle = float(np.sum(w * t) / np.sum(w))
+    centred, mean = t - middle, float(np.sum(w * leads) / np.sum(w))
+    below = float(np.sum(w * centred**2))
+    grows = float(np.sum(w * centred * leads)) / below
+    scatter = float(np.sum(w * (leads - mean - grows * centred) ** 2)) / (len(t) - 2)
+    if abs(grows) > SHIFT * math.sqrt(max(scatter, 1.0) / below) and abs(grows) * float(np.ptp(t)) > rows.period:
+        return Lead(mean, lead.std, grows, middle)
+    return lead
+
+
+def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead | None) -> bool:
+    """Whether beta of another time explains the motion about as well as beta, shifted to when it acts, does.
+
+    Each has the noise that is most likely with it: what a beta that acts does not explain is white, what another one
+    does not explain wanders. An input that repeats explains as much a period later, and is left out.
+    """
+    if not any("beta" in term for term in terms):
+        return False
+    few = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, MOST_PLACEBO).round().astype(int))]
+
+    def of(columns: list[np.ndarray]) -> np.ndarray:
+        """Return the likelihoods (k,) of k sets of columns (n, k, q), one array a piece."""
+        each = [[noise.largest for noise in noise_likelihoods([replace(piece.modes, phi=phi[:, k])
+                                                                for k in range(phi.shape[1])])]
+                for piece, phi in zip(few, columns, strict=True)]
+        return np.asarray(np.max(np.sum(each, axis=0), axis=(1, 2)))
+
+    others = [k for k, term in enumerate(terms) if "beta" not in term]
+    none = float(of([piece.modes.phi[:, None, others] for piece in few])[0])
+    moved = [np.roll(rows.beta, round(share * len(rows.t))) for share in SHIFTS]
+    moved = [each for each in moved if not abs(np.corrcoef(each, rows.beta)[0, 1]) > SAME_INPUT]
+    own = float(of([piece.modes.phi[:, None] for piece in few])[0])
+    if lead is not None:
+        own = max(own, float(of([piece.shifted(terms, [lead.at(piece.rows)]) for piece in few])[0]))
+    at = [rows.within(piece.rows) for piece in few]
+    most = float(np.max(of([with_betas(piece.rows, piece.modes, terms, [each[part] for each in moved])
+                            for piece, part in zip(few, at, strict=True)]), initial=none)) if moved else none
+    return own - most < max(0.5 * TERM_SIGMAS**2, BEYOND * (own - none))

@@ -1,0 +1,128 @@
+"""Let beta act later than it is logged: after a delay, and behind first-order lags."""
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .rows import Modes, Rows, before, ends_of, in_modes, values_of
+
+SHIFT = 3.0         # standard deviations of a shift of beta that is there
+LAGS_KEPT = 12.0    # lags, of the response that is computed
+LAGS_FORGOTTEN = 3.0  # of a stretch's beginning, after which what was not logged acts no more
+
+
+def later(rows: Rows, lead: float) -> np.ndarray:
+    """Return beta (n,) delayed by `lead` [s]; of a held beta the mean over each step."""
+    t = rows.t
+    if not rows.is_held:
+        return np.interp(t - lead, t, rows.beta)
+    steps = np.append(np.diff(t), rows.period)
+    edges = np.append(t, t[-1] + rows.period)
+    whole = np.concatenate([[0.0], np.cumsum(rows.beta * steps)])
+    moved = np.interp(edges - lead, edges, whole)
+    at = edges - lead   # before the first row and behind the last its input is that of these
+    moved += np.minimum(at - edges[0], 0.0) * rows.beta[0] + np.maximum(at - edges[-1], 0.0) * rows.beta[-1]
+    return np.asarray(np.diff(moved) / steps)
+
+
+def lagging(rows: Rows, lag: float) -> np.ndarray:
+    """Return beta (n,) filtered by a first-order lag of time constant `lag` [s]; each stretch begins at rest."""
+    acting = rows.beta.copy()
+    for a, b in itertools.pairwise(rows.bounds.tolist()):
+        grid = rows.t[a] + rows.period * np.arange(math.ceil((rows.t[b - 1] - rows.t[a]) / rows.period) + 2)
+        last = np.searchsorted(rows.t[a:b], grid, side="right") - 1
+        beta = rows.beta[a:b][last] if rows.is_held else np.interp(grid, rows.t[a:b], rows.beta[a:b])
+        ages = rows.period * np.arange(min(len(grid), math.ceil(LAGS_KEPT * lag / rows.period)) + 1)
+        weight = -np.diff(np.exp(-ages / lag))
+        x = beta - beta[0]
+        response = np.convolve(x if rows.is_held else 0.5 * (x + before(x)), weight)[:len(grid)]
+        if rows.is_held:   # what is held acts from its row on
+            response = np.concatenate([[0.0], response[:-1]])
+        acting[a:b] = beta[0] + np.interp(rows.t[a:b], grid, response)
+    return acting
+
+
+def without_beginnings(rows: Rows, length: float) -> Rows:
+    """Return the rows less the first `length` [s] of each stretch, where beta of before, not logged, still acts."""
+    known = rows.t >= np.repeat(rows.t[rows.bounds[:-1]], np.diff(rows.bounds)) + length
+    kept = np.add.reduceat(known, rows.bounds[:-1])
+    arrays = {name: getattr(rows, name)[known] for name in ("t", "theta", "gamma", "theta_dot", "beta", "fast")}
+    return replace(rows, **arrays, bounds=np.concatenate([[0], np.cumsum(kept[kept > 0])]))
+
+
+def acting_later(rows: Rows, lead: float, lag: float, order: int = 1) -> Rows:
+    """Return the rows with beta delayed by `lead` [s] and behind `order` equal first-order lags, `lag` [s] in all."""
+    acting = rows
+    for _ in range(order if lag > 0.0 else 0):
+        acting = replace(acting, beta=lagging(acting, lag / order), is_held=False)
+    return replace(acting, beta=later(acting, lead)) if lead else acting
+
+
+def with_betas(rows: Rows, m: Modes, terms: tuple[str, ...], betas: list[np.ndarray]) -> np.ndarray:
+    """Return the columns (n, k, q) of terms, those of regression m, with each of k betas (rows,) instead."""
+    places = [k for k, term in enumerate(terms) if "beta" in term]
+    moving = tuple(terms[k] for k in places)
+    values = [np.column_stack([values_of(rows, term, rows.attack, rows.theta_dot, beta) for term in moving])
+              for beta in betas]
+    ends = [ends_of(rows, moving, each, beta) for each, beta in zip(values, betas, strict=True)]
+    phi = in_modes(rows, np.hstack(values), np.hstack(ends), with_doubt=False)
+    whole = np.repeat(m.phi[:, None, :], len(betas), axis=1)
+    whole[:, :, places] = np.reshape(phi, (len(phi), len(betas), len(places)))
+    return whole
+
+
+@dataclass(frozen=True)
+class Lead:
+    """The time [s] by which beta leads its effect, acting later than it is logged, and its standard deviation.
+
+    grows    [s/s] over the log where that is sure, by two clocks, else 0;  middle  [s] when the lead is `value`
+    """
+
+    value: float
+    std: float
+    grows: float = 0.0
+    middle: float = 0.0
+
+    def at(self, rows: Rows) -> float:
+        """Return the lead [s] in the middle of `rows`."""
+        return self.value + self.grows * (0.5 * float(rows.t[0] + rows.t[-1]) - self.middle)
+
+    @property
+    def json(self) -> dict[str, float | None]:
+        """The lead as the `delay` of the identify JSON."""
+        return {"value": self.value, "std": self.std if math.isfinite(self.std) else None}
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the lead is significant: |value| > SHIFT std."""
+        return abs(self.value) > SHIFT * self.std
+
+
+@dataclass(frozen=True)
+class Late:
+    """How beta acts later than it is logged: after a delay, and filtered by `order` equal first-order lags.
+
+    lag   sum of their time constants [s], and its standard deviation; (0, 0): none
+    """
+
+    lead: Lead
+    lag: tuple[float, float] = (0.0, 0.0)
+    order: int = 1
+
+    def acting(self, rows: Rows, lead_by: float = 0.0, lag_by: float = 0.0) -> Rows:
+        """Return the rows with beta as it acts, `lead_by`, `lag_by` [s] later still, less beginnings of stretches."""
+        late = acting_later(rows, self.lead.value + lead_by, self.lag[0] + lag_by, self.order)
+        return without_beginnings(late, self.lead.value + LAGS_FORGOTTEN * self.lag[0])
+
+    def doubts(self, rows: Rows) -> list[np.ndarray]:
+        """Return betas (rows,) of `acting` with the delay, and with the lag, larger by its standard deviation."""
+        lead_by = self.lead.std if math.isfinite(self.lead.std) else 0.0
+        return [self.acting(rows, *by).beta for by in ((lead_by, 0.0), (0.0, self.lag[1])) if any(by)]
+
+    @property
+    def json(self) -> dict[str, object]:
+        """The delay and the lag as the `late` of the identify JSON."""
+        lag = {"value": self.lag[0], "std": self.lag[1]} if self.lag[0] else None
+        return {"delay": self.lead.json, "lag": lag, "order": self.order}
