@@ -418,12 +418,12 @@ def any_law(args: argparse.Namespace, alone: bool) -> None:
         print("the reference moves" if moves else "the reference stands")
         table = Table("law 14", "windows 7d", "refused 6.1%", *(f"{margin} 6.1%" for margin in MARGIN_NAMES),
                       "far 6.2%", *(f"+-{each} 7.3g" for each in ("dB", "dB", "deg", "ms", "1")))
-        every = []
+        jobs = [(name, vehicle, moves, alone, seed) for name in args.law for vehicle in args.vehicle
+                for seed in args.seeds]
+        every = run_jobs(judged_law, jobs)
         for name in args.law:
-            jobs = [(name, vehicle, moves, alone, seed) for vehicle in args.vehicle for seed in args.seeds]
-            every.append(run_jobs(judged_law, jobs))
-            _law_row(table, name, every[-1], False)
-        _law_row(table, "every law", [each for some in every for each in some], True)
+            _law_row(table, name, [each for each, job in zip(every, jobs, strict=True) if job[0] == name], False)
+        _law_row(table, "every law", every, True)
 
 
 def _law_row(table: Table, name: str, made: list[dict[str, np.ndarray]], is_judged: bool) -> None:
