@@ -108,7 +108,11 @@ def actuator(numbers: First) -> Actuator | None:
         return Actuator(UNSEEN_SERVO_FREQUENCY, FAST_DAMPING,
                         delay=max(delay - 2.0 * FAST_DAMPING / UNSEEN_SERVO_FREQUENCY, 0.0))
     noise = numbers.noise.get("command", (0.0, 0.0))[0]
-    return Actuator(numbers.servo[0][0], numbers.servo[1][0], command_noise_std=noise, delay=delay)
+    (w, w_std), (zeta, zeta_std) = numbers.servo
+    unknown = {} if "beta" in numbers.noise else {   # no sensor shows the nozzle: the next flight goes on estimating it
+        "natural_frequency_sigma": known(w_std / w, 0.0), "damping_ratio_sigma": known(zeta_std / zeta, 0.0),
+        "delay_sigma": known(numbers.delay[1], 0.0)}
+    return Actuator(w, zeta, command_noise_std=noise, delay=delay, **unknown)
 
 
 def sensors(numbers: First) -> Sensors:

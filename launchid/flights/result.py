@@ -12,6 +12,7 @@ import numpy as np
 
 from sim.errors import InputError, UsageError
 
+from ..log.commanded import is_of_commands
 from ..results.answer import Answer, flat
 from ..results.headline import closing, shown_path
 from ..shown import saying_what_plus_minus_is, with_std
@@ -87,10 +88,13 @@ class JointAnswer(Answer):
         write_joint(self, folder)
 
 
-def told_by(log: str, estimates: Sequence[Estimate], nominal: Nominal | None) -> Told | None:
+def told_by(log: str, estimates: Sequence[Estimate], nominal: Nominal | None, is_shared: bool) -> Told | None:
     """Return what the valid windows of a flight tell of a6 and k1, weighted by their information; None if no window
-    tells both.  With a nominal they are factors of its own."""
-    information, sum_ = np.zeros((2, 2)), np.zeros(2)
+    tells both.  With a nominal they are factors of its own.
+
+    is_shared  the windows share an error, that of a servo which no sensor shows: together they tell no more than one
+    """
+    information, sum_, count = np.zeros((2, 2)), np.zeros(2), 0
     for e in estimates:
         if not (e.valid and e.a6_std > 0.0 and e.k1_std > 0.0 and math.isfinite(e.a6 + e.k1 + e.a6_k1_corr)):
             continue
@@ -98,11 +102,11 @@ def told_by(log: str, estimates: Sequence[Estimate], nominal: Nominal | None) ->
             np.ravel(nominal.vehicle.at(np.array([0.5 * (e.t_start + e.t_end)])))
         value, std = np.array([e.a6, e.k1]) / scale, np.array([e.a6_std, e.k1_std]) / scale
         weight = np.linalg.inv(np.outer(std, std) * np.array([[1.0, e.a6_k1_corr], [e.a6_k1_corr, 1.0]]))
-        information, sum_ = information + weight, sum_ + weight @ value
+        information, sum_, count = information + weight, sum_ + weight @ value, count + 1
     if not np.any(information):
         return None
     covariance = np.linalg.inv(information)
-    return Told(log, covariance @ sum_, covariance)
+    return Told(log, covariance @ sum_, covariance * (count if is_shared else 1))
 
 
 def is_relative(nominal: Nominal | None) -> bool:
@@ -137,7 +141,8 @@ def joint_report(told: Sequence[Told], joint: Joint | None, nominal: Nominal | N
 def joined(found: Sequence[Identification], nominal: Nominal | None) -> JointAnswer:
     """Return the joint answer of flights that were identified one by one."""
     of = nominal if is_relative(nominal) else None
-    told = [one for each in found if (one := told_by(each.log.path, each.estimates, of)) is not None]
+    told = [one for each in found if (one := told_by(each.log.path, each.estimates, of,
+                                                     is_of_commands(each.log))) is not None]
     joint = pooled(told) if len(told) > 1 else None
     said = joint_report(told, joint, of)
     flights = [{"log": each.log.path, **each.report} for each in found]

@@ -23,7 +23,9 @@ UNSEEN = 0.1   # rad, one sigma of the sensor that tells nothing: as far as any 
 
 
 def is_of_commands(log: Log) -> bool:
-    """Whether a log has commands, and no measured nozzle."""
+    """Whether a log has commands, and no measured nozzle, or one that was predicted from them."""
+    if log.beta_noise > 0.0 or np.array_equal(log.beta, log.beta_cmd, equal_nan=True):
+        return bool(np.isfinite(log.beta_cmd).any())
     return not np.isfinite(log.beta).any() and bool(np.isfinite(log.beta_cmd).any())
 
 
@@ -38,7 +40,7 @@ def with_nozzle(seen: CheckedLog, nominal: Believed) -> tuple[CheckedLog, Believ
         Its [actuator] predicts the nozzle; without it the command is the input.
     """
     log = seen.log
-    if not is_of_commands(log):
+    if np.isfinite(log.beta).any() or not is_of_commands(log):
         return seen, nominal, ()
     columns = (*log.columns[:2], "beta", *log.columns[2:])
     if nominal is None or nominal.actuator is None:
@@ -51,8 +53,12 @@ def with_nozzle(seen: CheckedLog, nominal: Believed) -> tuple[CheckedLog, Believ
 
 
 def _given(seen: CheckedLog, columns: tuple[str, ...], beta: np.ndarray, noise: float) -> CheckedLog:
-    """Return the checked log with this nozzle (n,) [rad]."""
-    return replace(seen, log=replace(seen.log, columns=columns, beta=beta, beta_noise=noise))
+    """Return the checked log with this nozzle (n,) [rad], of which no sensor adds anything."""
+    made = replace(seen, log=replace(seen.log, columns=columns, beta=beta, beta_noise=noise))
+    if seen.sensed is None:
+        return made
+    own = {name: x for name, x in seen.sensed.columns.items() if name != "beta"}
+    return replace(made, sensed=replace(seen.sensed, columns=own, nozzle_scale=1.0))
 
 
 def measured_alone(log: Log) -> Log:

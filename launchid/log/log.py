@@ -184,7 +184,7 @@ def near_files(path: str) -> list[str]:
         names = sorted(os.listdir(folder or "."))
     except OSError:
         return []
-    return [os.path.join(folder, name) for name in names if not name.startswith(".")]
+    return [each for name in names if not name.startswith(".") and (each := os.path.join(folder, name)) != path]
 
 
 def locate_log(text: str) -> Path:
