@@ -6,7 +6,9 @@ Each row flies the independent generator `tests/hidden` (100 Hz, the nominals' o
 sigma) with one thing that the nominal does not declare, and identifies the log with the nominal. Printed of the valid
 windows: their share, the share of true a6 and k1 within 1.96 standard deviations, the root mean square of error over
 deviation, how many are off by more than 4; and the coverage of the tracked estimates at the windows' ends.
-`clean` is flown in the same run. `integral` is identified without a nominal, by that formulation.
+`clean` is flown in the same run. `integral` is identified without a nominal, by that formulation, in flights of steps
+and ramps.
+`stamp_early`: rows are stamped early or late by a quarter of the stamps' step (one sigma), and rounded down to it.
 `swap` identifies clean flights of each nominal with each other one, and counts windows that are off by more than 4.
 `faults` flies the catalogue's effects at the sizes that a diagnosis finds with the right nominal, and counts the logs
 that are refused as those of another vehicle's nominal.
