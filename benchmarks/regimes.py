@@ -73,6 +73,12 @@ def stamp_step(columns: Columns, size: float) -> Columns:
     return columns | {"t": size * np.floor(columns["t"] / size + 1e-9)}
 
 
+def stamp_early(columns: Columns, size: float) -> Columns:
+    rng = np.random.default_rng(len(columns["t"]))
+    return columns | {"t": np.maximum.accumulate(size * np.floor((
+        columns["t"] + 0.25 * size * rng.standard_normal(len(columns["t"]))) / size))}
+
+
 def same(columns: Columns, size: float) -> Columns:
     return columns
 
@@ -86,6 +92,7 @@ ROWS: dict[str, tuple[Hook, After, tuple[float, ...]]] = {
     "nozzle_scale": (nothing, nozzle_scale, (0.98, 1.05, 0.9)),
     "attitude_step": (nothing, attitude_step, (5e-4, 1e-3, 2e-3)),
     "stamp_step": (nothing, stamp_step, (0.004, 0.008, 0.016)),
+    "stamp_early": (nothing, stamp_early, (0.008,)),
     "integral": (nothing, same, (0.0,)),
 }
 
@@ -97,7 +104,8 @@ def flown(name: str, seed: int, row: str, size: float, text: str = "") -> tuple[
     if text:
         spec = draw_spec(seed, text, nominal=name, rate=RATE, dispersion=(float(spread[0]), float(spread[1])))
     else:
-        spec = Spec(nominal=name, seed=seed, rate=RATE, dispersion=(float(spread[0]), float(spread[1])))
+        spec = Spec(nominal=name, seed=seed, rate=RATE, dispersion=(float(spread[0]), float(spread[1])),
+                    reference="rough" if row == "integral" else "nominal")
     b = Build(spec)
     for hidden in spec.effects:
         FITS[hidden.name](b, hidden)
