@@ -110,8 +110,9 @@ def actuator(numbers: First) -> Actuator | None:
     noise = numbers.noise.get("command", (0.0, 0.0))[0]
     (w, w_std), (zeta, zeta_std) = numbers.servo
     unknown = {} if "beta" in numbers.noise else {   # no sensor shows the nozzle: the next flight goes on estimating it
-        "natural_frequency_sigma": known(w_std / w, 0.0), "damping_ratio_sigma": known(zeta_std / zeta, 0.0),
-        "delay_sigma": known(numbers.delay[1], 0.0)}
+        name: float(f"{sigma:.2g}") for name, sigma in (
+            ("natural_frequency_sigma", w_std / w), ("damping_ratio_sigma", zeta_std / zeta),
+            ("delay_sigma", numbers.delay[1]))}
     return Actuator(w, zeta, command_noise_std=noise, delay=delay, **unknown)
 
 
