@@ -8,8 +8,8 @@ from launchid.cli.main import main
 from sim.nominal import built_in, load_nominal
 
 GOOD = built_in("constant").read_text(encoding="utf-8")
-SECTIONS = "actuator, controller, diagnosis, drift, effects, guidance, margins, name, offsets, sensors, simulation, " \
-           "test_input, uncertainty, vehicle, wind"
+SECTIONS = "actuator, bending, controller, diagnosis, drift, effects, guidance, margins, name, offsets, sensors, " \
+           "simulation, slosh, test_input, uncertainty, vehicle, wind"
 def without(section: str) -> str:
     """The file less one of its sections."""
     head, *parts = GOOD.split("\n[")
