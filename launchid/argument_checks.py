@@ -22,7 +22,7 @@ def window_for(window: Any, log: Any) -> Any:
     """Return a window's length [s] as it was asked for; the default one is at most a third of the log."""
     if not isinstance(window, Default):
         return window
-    t, period = log.t[log.t == log.t], log.check_clock()
+    t, period = log.t[abs(log.t) < math.inf], log.check_clock()
     if period is None:
         return float(window)
     rows = round((float(t.max() - t.min()) + period) / period) // LEAST_WINDOWS
@@ -32,7 +32,7 @@ def window_for(window: Any, log: Any) -> Any:
 def window_seconds(window: Any, log: Any) -> float:
     """Return a window's length [s]: as asked for, the whole log for "all", the default one as `window_for`."""
     if window == "all":
-        t = log.t[log.t == log.t]
+        t = log.t[abs(log.t) < math.inf]
         return float(t.max() - t.min() + log.period)
     if isinstance(window, str):
         try:

@@ -9,6 +9,7 @@ The logs of `data/logs`, which others measured (SOURCES.md there), are read by t
 """
 
 import contextlib
+import difflib
 import math
 import os
 import stat
@@ -178,13 +179,14 @@ def measured_logs() -> tuple[str, ...]:
 
 
 def near_files(path: str) -> list[str]:
-    """Return the files beside a missing one, as a user would name them; [] if its folder cannot be read."""
+    """Return the file beside a missing one whose name is nearest, as a user would name it; [] if none is near."""
     folder = os.path.dirname(path)
     try:
         names = sorted(os.listdir(folder or "."))
     except OSError:
         return []
-    return [each for name in names if not name.startswith(".") and (each := os.path.join(folder, name)) != path]
+    found = [name for name in names if not name.startswith(".") and os.path.isfile(os.path.join(folder, name))]
+    return [os.path.join(folder, name) for name in difflib.get_close_matches(os.path.basename(path), found, 1)]
 
 
 def locate_log(text: str) -> Path:
@@ -215,7 +217,7 @@ def _opened(path: str) -> Iterator[TextIO]:
     elif not os.path.isfile(path) and not located.is_file():
         what = "neither a file nor a pipe" if os.path.exists(path) else "no such file"
         raise InputError(f"{path}: {what}; " + did_you_mean(
-            path, (*near_files(path), *measured_logs(), *BUILT_IN, *STAND_NOMINALS),
+            path, near_files(path) or (*measured_logs(), *BUILT_IN, *STAND_NOMINALS),
             f"expected a CSV log with the columns t, theta, beta, or one of {', '.join(measured_logs())}"))
     reads(located)
     with open(located, **AS_TEXT) as file:

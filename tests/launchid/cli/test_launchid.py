@@ -60,7 +60,7 @@ def test_diagnose_is_the_command(folder, tmp_path, capsys):
     columns = read_log(folder / "log.csv").measured()
     columns["beta"] = -columns["beta"]
     write_columns(tmp_path / "log.csv", columns)
-    made = launchid.diagnose(columns, folder / "n.toml")
+    made = launchid.diagnose(tmp_path / "log.csv", folder / "n.toml")
     assert made.verdict == "bad-data" and made.extension is None
     assert made.to_json() + "\n" == said(capsys, "diagnose", tmp_path / "log.csv", folder / "n.toml", "--json", "-")
     assert made.summary() + "\n" == said(capsys, "diagnose", tmp_path / "log.csv", folder / "n.toml")
