@@ -28,6 +28,7 @@ from .scan import with_products
 from .score import covariance
 from .start import everything, with_found
 
+MOST_GROWTH = 16.0     # nats in a row: ten million times, beyond which the filter sets a motion back to the log
 UNKNOWN_LEFT = 0.75    # of the removable error ahead: with more left beside something unknown no cause is named
 BETWEEN_THEM = 2.0     # of what everything saves, that names may save last in: more is numbers that undo one another
 INPUT_NUMBERS = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2",   # of the input
@@ -104,11 +105,22 @@ def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, bootstrap: 
         few = f"fewer than {FEWEST_ROWS} rows can be used: log longer, or more often"
         return Result(reading, nominal, None, None, "bad-data", "data") if reading.is_bad else Result(
             reading, nominal, None, None, "unexplained", None, doubts=(few,))
+    if runs_away(nominal, log.period):
+        return Result(reading, nominal, None, None, "unexplained", None, doubts=(
+            "the nominal's motion grows more than ten million times from row to row: correct sign and unit of its "
+            "terms",))
     m = replace(Model.of(reading.track, noise), brake=time.monotonic() + nominal.diagnosis.time_limit)
     try:
         return examined(m, reading, nominal, holdout, say)
     except Stopped:
         return Result(reading, nominal, None, None, "unexplained", None, is_cut_short=True)
+
+
+def runs_away(nominal: Nominal, period: float) -> bool:
+    """Return whether the nominal's rigid body grows by more than MOST_GROWTH in a period [s]."""
+    damping = dict(nominal.terms).get("theta_dot", 0.0)
+    growth = 0.5 * damping + math.sqrt(0.25 * damping**2 + max(float(np.max(nominal.vehicle.a6)), 0.0))
+    return growth * period > MOST_GROWTH
 
 
 def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, say: Callable[[str], None]) -> Result:

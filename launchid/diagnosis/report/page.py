@@ -98,12 +98,13 @@ def page(result: Result, answer: dict[str, Any], drawn: Drawn | None, compared: 
 
 def _first(result: Result, answer: dict[str, Any]) -> str:
     """Return the verdict in plain words, as HTML."""
-    said = [f"<p>{text(answer['headline'])}</p>"]
+    said = [f"<p>{text(answer['headline'])}</p>"] if "headline" in answer else []
     if result.named:
         said.append(list_of([f"{text(each.cause)}: {text(sizes(each))}" for each in result.named]))
     if extension(result) is not None:
         said.append('<p>The nominal with what was found: <a href="extension.toml">extension.toml</a>.</p>')
-    said.append(f"<p>Next: {text(answer['next'])}</p>")
+    if "next" in answer:
+        said.append(f"<p>Next: {text(answer['next'])}</p>")
     return '<div class="plain">' + "".join(said) + "</div>"
 
 

@@ -103,7 +103,8 @@ def test_a_hidden_cause_raises_the_coefficient_and_its_extension_takes_it_back()
 
 def test_the_last_lines_say_which_nominal_is_as_good_as_noise_allows():
     hidden, extension = log_of_seed(3, DELAY), dataclasses.replace(CONSTANT, effects=(DELAY,))
-    right, wrong = (compare(hidden, nominal, flights=0).summary().splitlines()[-1] for nominal in (extension, CONSTANT))
+    right, wrong = ("\n".join(compare(hidden, nominal, flights=0).summary().splitlines()[-3:])
+                    for nominal in (extension, CONSTANT))
     assert "launchid diagnose" in wrong and "launchid diagnose" not in right and "theta_dot 1." in right
 
 

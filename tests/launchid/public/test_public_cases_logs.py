@@ -78,7 +78,7 @@ def test_both_units_are_told_where_t_and_theta_dot_are_of_another(plain):
 def test_a_factor_that_is_no_unit_s_is_said_and_not_called_degrees(plain, factor):
     for columns in (times(plain, theta_dot=factor), times(plain, theta_dot=1.0 / factor)):
         fault, = faults(log_of(columns), None)
-        assert fault.kind == "scale" and "times the slope of theta" in fault.message
+        assert fault.kind == "unit" and "times the slope of theta" in fault.message and "degrees" not in fault.message
 
 
 def test_a_nominal_of_another_rate_does_not_make_seconds_milliseconds(plain):
