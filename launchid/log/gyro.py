@@ -56,7 +56,7 @@ def gyro_of(columns: Columns, period: float, known: np.ndarray) -> Gyro | None:
         rows[:1] = False
         design, wanted = np.column_stack(columns_of)[rows], y[rows]
         size = np.sqrt(np.maximum(np.sum(design**2, axis=0), 1e-300))
-        walked = 0.25 + (1.0 - 0.5 * gain)**2 / (1.0 - (1.0 - gain)**2)   # of the integral of the gyro's noise, filtered
+        walked = 0.25 + (1.0 - 0.5 * gain)**2 / (1.0 - (1.0 - gain)**2)   # of the integral of noise, filtered
         noisy = len(wanted) * rate_noise * np.array([period**2 * walked, 1.0, 0.0])
         taken = np.diag(noisy) / np.outer(size, size)   # errors in variables
         x = least_squares(products(design / size, design / size) - taken, along(design / size, wanted), 1e-10) / size

@@ -184,7 +184,7 @@ def test_a_thrust_that_is_the_square_of_its_input_and_late():
     assert abs(lag["value"] - 0.1) < 4.0 * lag["std"] < 0.04
 
 
-@pytest.mark.xfail(strict=True, reason="in 6 s a6 and k1 that change take the square's place: the answer stands unrefused")
+@pytest.mark.xfail(strict=True, reason="in 6 s a6 and k1 that change take the square's place")
 def test_the_first_nominal_refuses_a_thrust_that_is_the_square_of_its_input():
     flight = {name: x[:600] for name, x in flights.propeller().items()}
     reasons = first(log_of(flight)).refused
