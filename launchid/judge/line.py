@@ -62,7 +62,7 @@ def undeclared_line(seen: CheckedLog, nominal: Nominal) -> Line | None:
         asked &= np.abs(math.tau * frequency - mode) > share * mode
     if not asked.any():
         return None
-    ratio = np.where(asked, power / expected, 0.0)
+    ratio = np.divide(power, expected, out=np.zeros(len(power)), where=asked & (expected > 0.0))
     at = int(np.argmax(ratio))
     chance = TESTS["no undeclared line"].limit / np.count_nonzero(asked)
     if not ratio[at] > _quantile(1.0 - chance, _freedom(count)):
