@@ -102,7 +102,7 @@ def main() -> int:
             table.row(name, kind, *counts[0], *covers[:2], float(np.sqrt(np.mean(own**2))),
                       float(np.mean(np.max(np.abs(own), axis=1) > FAR)), *covers[2:],
                       float(np.sqrt(np.mean(followed**2))), sum(false), sum(missed), delay,
-                      float(np.median(np.concatenate(wider))) if kind == "none" else math.nan,
+                      float(np.nanmedian(np.concatenate(wider))) if kind == "none" else math.nan,
                       good=good and not (kind != "loss" and sum(false) > 0))
     return int(table.missed > 0)
 
