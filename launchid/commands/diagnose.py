@@ -60,6 +60,7 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid diagnose` with its parsed arguments: print the diagnosis, and write what options ask for."""
+    from ..results.headline import shown_path
     at_least("--bootstrap", args.bootstrap, 0)
     names, nominals = logs_of(args)
     logs = [read_noting(name, "t", **reading(args)) for name in names]
@@ -69,6 +70,8 @@ def run(args: argparse.Namespace) -> None:
     args.holdout = holdout
     result = diagnose(logs if len(logs) > 1 else logs[0], nominal, **given(diagnose, args))
     if args.report:
+        for said in (result.report, *result.report.get("flights", ())):
+            said["next"] = said["next"].replace("report/extension.toml", shown_path(f"{args.report}/extension.toml"))
         result.write_report(args.report)
     tell(result, args.json)
 

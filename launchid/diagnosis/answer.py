@@ -1,18 +1,21 @@
 """Turn a diagnosis into its JSON (docs/formats.md), text for a terminal, and an extended nominal."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 from sim.effects import CATALOGUE, effect
 from sim.effects.table import CENTRE
 from sim.nominal import Nominal
+from sim.sections import MOST_MODES, Actuator, Bending, Slosh, constant
 
 from .elimination import MIN_SQUARES_SAVED, Z
 from .gain import Gain
 from .verdict import Named, Result
 
 CHANNEL_LEVELS = (("theta", 0), ("theta_dot", 1), ("beta", 2), ("command", 4), ("acceleration", 3))
+MODES: dict[str, type[Slosh] | type[Bending]] = {"slosh": Slosh, "bending": Bending}
+SERVO_SIGMAS = {"actuator_delay": ("delay", "delay_sigma"), "actuator_bandwidth": ("scale", "natural_frequency_sigma")}
 SIGNIFICANT = 1.5      # times the declared, from which a noise level differs
 DECIDES = {
     frozenset({"steady_wind", "attitude_bias"}): "an independent attitude reference, or air data",
@@ -42,7 +45,11 @@ def unit_of(cause: str, parameter: str) -> str:
 
 
 def extension(result: Result) -> Nominal | None:
-    """Return the nominal with the named causes as `[[effects]]`; None if none is named, or a value is not allowed."""
+    """Return the nominal with the named causes; None if none is named, or a value is not allowed.
+
+    Slosh and bending become `[[slosh]]` and `[[bending]]`, with their standard deviations as sigmas; those of a servo's
+    delay and bandwidth become sigmas of `[actuator]`; all other causes are `[[effects]]`.
+    """
     nominal, reading = result.nominal, result.reading
     if not result.named or result.model is None:
         return None
@@ -58,12 +65,40 @@ def extension(result: Result) -> Nominal | None:
         for key, p in parameters.items():
             if key in given and not isinstance(given[key], str) and not p.allows(float(given[key])):
                 return None
+        if each.cause in MODES and len(getattr(nominal, each.cause)) < MOST_MODES:
+            modes: dict[str, Any] = {each.cause: (*getattr(nominal, each.cause), _mode(each))}
+            nominal = replace(nominal, **modes)
+            continue
         effects.append(effect(each.cause, **{key: v for key, v in given.items() if key in parameters}))
+        nominal = replace(nominal, actuator=_servo(nominal.actuator, each))
     out = replace(nominal, name=f"{nominal.name}-extended", effects=(*nominal.effects, *effects))
     c = reading.controller
     if c is not None and c.is_named and c.time_constant is not None and out.controller is not None:
         out = replace(out, controller=replace(out.controller, derivative_time_constant=c.time_constant))
     return out
+
+
+def _mode(each: Named) -> Slosh | Bending:
+    """Return the section of a mode that was found, its standard deviations as shares."""
+    kind, given = MODES[each.cause], each.values
+    known = {field.name for field in fields(kind)}
+    numbers: dict[str, Any] = {name: constant(float(value)) for name, value in given.items() if name in known}
+    sigma: dict[str, Any] = {f"{name}_sigma": abs(std / given[name]) for name, std in each.std.items()
+             if std is not None and f"{name}_sigma" in known}
+    return kind(**numbers, **sigma)
+
+
+def _servo(actuator: Actuator | None, each: Named) -> Actuator | None:
+    """Return the actuator with the standard deviation of a delay or a bandwidth that was found as its sigma."""
+    if actuator is None or each.cause not in SERVO_SIGMAS:
+        return actuator
+    number, key = SERVO_SIGMAS[each.cause]
+    std = each.std.get(number)
+    if std is None or (actuator.is_first_order and key != "delay_sigma"):
+        return actuator
+    scale = 1.0 if key == "delay_sigma" else each.values[number]
+    sigma: dict[str, Any] = {key: math.hypot(getattr(actuator, key), std / scale)}
+    return replace(actuator, **sigma)
 
 
 def report(result: Result) -> dict[str, Any]:

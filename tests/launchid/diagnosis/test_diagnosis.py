@@ -21,7 +21,7 @@ from launchid.diagnosis.answer import extension, headline, lines, report
 from launchid.diagnosis.report.page import write_report
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.log import OPTIONAL, REQUIRED, Log, read_log, write_flight
-from sim.effects import from_text
+from sim.effects import from_text, values
 from sim.flight import fly_whole
 from sim.nominal import load_nominal, write_nominal
 from sim.sections import Drift, Offsets, Wind
@@ -149,6 +149,18 @@ def test_a_short_log_shows_nothing_and_a_shorter_one_is_not_tested(rows, verdict
     log = dataclasses.replace(whole, **{name: getattr(whole, name)[:rows] for name in REQUIRED + OPTIONAL})
     made = report(diagnose(log, NOMINAL))
     assert made["verdict"] == verdict and made["causes"] == []
+
+
+def test_the_extension_holds_the_standard_deviations_of_what_was_found():
+    """Slosh becomes [[slosh]] with its sigmas, which its size keeps, and a servo's delay [actuator] delay_sigma."""
+    log = flown("slosh:coupling=0.2,frequency=5")
+    mode, = extension(diagnose(log, NOMINAL)).slosh
+    (coupling,), (frequency,) = mode.coupling.value, mode.frequency.value
+    assert abs(coupling - 0.2) < 4.0 * mode.coupling_sigma * coupling < 0.1
+    assert abs(frequency - 5.0) < 4.0 * mode.frequency_sigma * frequency < 0.5
+    late = extension(diagnose(flown("actuator_delay:delay=0.03"), NOMINAL))
+    delay, = (values(each)["delay"] for each in late.effects)
+    assert abs(delay - 0.03) < 4.0 * late.actuator.delay_sigma < 0.02
 
 
 @LONG
