@@ -26,14 +26,14 @@ from flights import INTERVAL, Table, arguments, nominal, run_jobs
 
 import launchid
 
-sys.path.insert(0, str(Path(__file__).parents[1]))   # of the independent generator
-from tests.hidden import draw_spec
-from tests.hidden.build import Build
-from tests.hidden.catalogue import LISTED
-from tests.hidden.flight import COLUMNS
-from tests.hidden.listed import FITS
-from tests.hidden.motion import run
-from tests.hidden.spec import Spec
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))   # of the independent generator
+from hidden import draw_spec
+from hidden.build import Build
+from hidden.catalogue import LISTED
+from hidden.flight import COLUMNS
+from hidden.listed import FITS
+from hidden.motion import run
+from hidden.spec import Spec
 
 SPREAD = 0.08    # one sigma of a6 and k1 over the nominal's
 FAR = 4.0        # standard deviations
