@@ -51,6 +51,9 @@ def read(log: Log, nominal: Nominal) -> Reading:
     is_few = data.is_bad and data.usable.sum() < max(FEWEST_ROWS, FEWEST_USABLE * len(log.t))
     if is_few or not all(fault.kind in MASKED for fault in data.faults):
         return Reading(log, raw, told, None, is_bad=True)
+    signs = tuple(fault for fault in seen.faults if fault.kind == "sign")
+    if signs:   # of beta and its command together, which only the vehicle shows
+        return Reading(log, raw, replace(told, faults=(*told.faults, *signs)), None, is_bad=True)
     try:
         r = record(log, nominal, sparser(data, log.t, nominal))
     except InputError:

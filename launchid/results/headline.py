@@ -116,7 +116,10 @@ def of_diagnosed(report: dict[str, Any], log: str, options: str, nominal: str,
     """
     again = f"launchid diagnose {log} {nominal} --report report{options}"
     if report["verdict"] == "bad-data":
-        return {"headline": "The log has faults that leave too little of it; nothing about the vehicle is claimed.",
+        faults = [fault["message"] for fault in report["data"]["faults"]]
+        said = f"{faults[0][:1].upper()}{faults[0][1:]}" if len(faults) == 1 else \
+            "The log has faults that leave too little of it"
+        return {"headline": f"{said}; nothing about the vehicle is claimed.",
                 "next": f"launchid show {log}{options}"}
     if report["verdict"] == "consistent":
         return {"headline": f"The log is what {nominal} predicts: nothing is wrong that it could show.",

@@ -85,10 +85,12 @@ def test_a_command_is_held_where_it_changes_seldom_and_idle_where_it_does_not():
     assert not _is_held(np.zeros(3000, bool))
 
 
-def test_a_vehicle_of_the_other_sign_is_told_so():
-    """beta and its command reversed: no cause of the catalogue, but a convention."""
+@pytest.mark.parametrize("controller", [None, NOMINAL.controller], ids=["no controller", "controller"])
+def test_a_vehicle_of_the_other_sign_is_told_so(controller):
+    """beta and its command reversed: no gains of the controller and no cause of the catalogue, but a convention."""
     log = flown("")
     made = report(diagnose(dataclasses.replace(log, beta=-log.beta, beta_cmd=-log.beta_cmd),
-                           dataclasses.replace(NOMINAL, controller=None)))
-    assert made["verdict"] == "unexplained"
-    assert made["doubts"][0].startswith("beta, or theta and its rate, has the opposite sign over the whole log: k1")
+                           dataclasses.replace(NOMINAL, controller=controller)))
+    assert made["verdict"] == "bad-data" and made["causes"] == []
+    fault, = made["data"]["faults"]
+    assert fault["message"].startswith("beta, or theta and its rate, has the opposite sign over the whole log: k1")
