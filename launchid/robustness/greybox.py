@@ -33,6 +33,7 @@ from sim.errors import InputError
 from sim.nominal import Nominal, Profile, constant_profile
 
 from ..identification.windows import onboard_model, run
+from ..judge.line import undeclared_line
 from ..log.check import CheckedLog
 from ..monte_carlo.requirement.sequential import wilks_rank
 from .level import UNCERTAIN_PARAMETERS, log_span, require_cover
@@ -82,8 +83,11 @@ class Fit:
 
 
 def deviations(seen: CheckedLog, nominal: Nominal) -> Deviations:
-    """Identify a log with the nominal, in windows of BIN s; InputError if it is too short or no window has a6 or k1."""
-    log = seen.log
+    """Identify a log with the nominal, in windows of BIN s; InputError if it is too short, has a mode that the nominal
+    does not declare, or no window has a6 or k1."""
+    log, mode = seen.estimated, undeclared_line(seen, nominal)
+    if mode is not None:
+        raise InputError(f"{log.path}: {mode.words}")
     model = onboard_model(nominal, log.period, log.path)
     require_cover(log, nominal, nominal.vehicle, "vehicle")
     first, last = log_span(log)
