@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from ..log.log import Log
     from ..sources import LogSource, LogSources, NominalSource
 
+FOLDER = "report"  # of the report, where no other is named
+
 
 def add(commands: Any) -> None:
     """Add `launchid diagnose` and its options to argparse's subparsers `commands`."""
@@ -60,7 +62,6 @@ def add(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Run `launchid diagnose` with its parsed arguments: print the diagnosis, and write what options ask for."""
-    from ..results.headline import shown_path
     at_least("--bootstrap", args.bootstrap, 0)
     names, nominals = logs_of(args)
     logs = [read_noting(name, "t", **reading(args)) for name in names]
@@ -68,10 +69,8 @@ def run(args: argparse.Namespace) -> None:
     holdout = read_noting(args.holdout, "t", **reading(args)) if args.holdout else None
     check_outputs(args.json, folder=args.report)
     args.holdout = holdout
-    result = diagnose(logs if len(logs) > 1 else logs[0], nominal, **given(diagnose, args))
+    result = _diagnosed(logs if len(logs) > 1 else logs[0], nominal, args.report or FOLDER, **given(diagnose, args))
     if args.report:
-        for said in (result.report, *result.report.get("flights", ())):
-            said["next"] = said["next"].replace("report/extension.toml", shown_path(f"{args.report}/extension.toml"))
         result.write_report(args.report)
     tell(result, args.json)
 
@@ -100,6 +99,12 @@ def diagnose(log: LogSources, nominal: NominalSource, *, holdout: LogSource | No
     Diagnosed
         Of a list of logs Diagnoses, which hold that of each.
     """
+    return _diagnosed(log, nominal, FOLDER, holdout=holdout, bootstrap=bootstrap, noise=noise, strict=strict)
+
+
+def _diagnosed(log: LogSources, nominal: NominalSource, folder: str, *, holdout: LogSource | None, bootstrap: int,
+               noise: str, strict: bool) -> Diagnosed | Diagnoses:
+    """Diagnose as `diagnose`; folder: where the command to run next looks for the extension."""
     from ..diagnosis.answer import extension, report
     from ..diagnosis.verdict import diagnose as examine
     from ..log.check import checked, ideal_note
@@ -110,8 +115,8 @@ def diagnose(log: LogSources, nominal: NominalSource, *, holdout: LogSource | No
     bootstrap, noise = integer("--bootstrap", bootstrap, 0), word("--noise", noise, NOISE_CHOICES)
     nominal = load_nominal(nominal)
     if is_several(log):
-        found = [cast("Diagnosed", diagnose(each, nominal, holdout=holdout, bootstrap=bootstrap, noise=noise,
-                                            strict=strict)) for each in several_logs(log, ("t",))]
+        found = [cast("Diagnosed", _diagnosed(each, nominal, folder, holdout=holdout, bootstrap=bootstrap, noise=noise,
+                                              strict=strict)) for each in several_logs(log, ("t",))]
         return Diagnoses(found, nominal) if len(found) > 1 else found[0]
     log = read_log(cast("LogSource", log), ("t",))
     second = None if holdout is None else read_log(holdout, ("t",))
@@ -124,7 +129,8 @@ def diagnose(log: LogSources, nominal: NominalSource, *, holdout: LogSource | No
     seen, extended = result.reading, extension(result)
     said = report(result)
     said |= of_diagnosed(said, log.path, log.options, shown_path(nominal.path or nominal.name),
-                         None if extended is None else _fits(log, nominal, extended, strict), extended is not None)
+                         None if extended is None else _fits(log, nominal, extended, strict), extended is not None,
+                         folder)
     return Diagnosed(result, said, (*ideal_note(log), *phase_note(log, seen.log, seen.data)))
 
 

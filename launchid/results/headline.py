@@ -108,11 +108,11 @@ def of_cause(cause: str, parameters: dict[str, Any]) -> str:
 
 
 def of_diagnosed(report: dict[str, Any], log: str, options: str, nominal: str,
-                 fits: tuple[float, float, float] | None, has_extension: bool) -> dict[str, str]:
+                 fits: tuple[float, float, float] | None, has_extension: bool, folder: str) -> dict[str, str]:
     """Return {"headline", "next"} of the diagnose JSON.
 
     log, options, nominal  as a command names them;  fits  how well theta is predicted [%] before and after, and how far
-    ahead [s];  has_extension  whether --report writes an extension.toml
+    ahead [s];  has_extension  whether --report writes an extension.toml;  folder  of the report
     """
     again = f"launchid diagnose {log} {nominal} --report report{options}"
     if report["verdict"] == "bad-data":
@@ -135,7 +135,7 @@ def of_diagnosed(report: dict[str, Any], log: str, options: str, nominal: str,
                                     f"{_percent(fits[1])} %")
     rest = "; something else remains" if report["verdict"] == "dominant" else ""
     head = f"{said[:1].upper() if said[:3] not in ('a6 ', 'k1 ') else said[:1]}{said[1:]}{doubt}{gain}{rest}."
-    follow = f"launchid identify {log} report/extension.toml{options}" if has_extension else again
+    follow = f"launchid identify {log} {shown_path(f'{folder}/extension.toml')}{options}" if has_extension else again
     return {"headline": head, "next": follow}
 
 
