@@ -14,6 +14,7 @@ other origins get status 403.
 import base64
 import contextlib
 import hashlib
+import io
 import json
 import re
 import socket
@@ -128,12 +129,34 @@ class Server(ThreadingHTTPServer):
         super().server_close()
 
 
+class RequestLines(io.BufferedReader):
+    """What a connection asks; it `is_whole` once the blank line after its headers was the last one read."""
+
+    is_whole = False
+
+    def readline(self, size: int | None = -1, /) -> bytes:
+        """Return the next line, empty at the end of what comes."""
+        line = super().readline(-1 if size is None else size)
+        self.is_whole = line in (b"\r\n", b"\n")
+        return line
+
+
 class Handler(BaseHTTPRequestHandler):
     """Answer to one HTTP request for /, /events or /state; status 403 for pages of other origins."""
 
     server: Server
     server_version, sys_version = "launchid", ""
     timeout = BROWSER_TIMEOUT
+
+    def setup(self) -> None:
+        """Read the request by lines that know whether it is whole."""
+        super().setup()
+        self.rfile: RequestLines = RequestLines(self.rfile.detach())
+
+    def parse_request(self) -> bool:
+        """Whether there is a request to answer: one that breaks off within its headers is none, and takes the place
+        of no page."""
+        return super().parse_request() and self.rfile.is_whole
 
     def log_message(self, format: str, *args: Any) -> None:
         """Print nothing about a request."""

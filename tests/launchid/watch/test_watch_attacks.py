@@ -156,6 +156,25 @@ def test_requests_that_hold_make_no_more_threads_than_there_may_be(n, first):
         server.end()
 
 
+def test_a_request_that_breaks_off_takes_no_place_of_a_page():
+    """Sixteen requests for events that end within their headers: the page that was there is told of the end."""
+    server = Server(Live({"source": "x"}), 0)
+    try:
+        page = Listener(server.server_address[1])
+        Session.until(lambda: bool(page.last))
+        for _ in range(MOST_PAGES):
+            with socket.create_connection(("127.0.0.1", server.server_address[1]), timeout=20.0) as broken:
+                broken.sendall(b"GET /events HTTP/1.0\r\nHost: 127.0.0.1\r\n")
+                broken.shutdown(socket.SHUT_WR)
+                assert broken.recv(1) == b"", "no answer"
+        server.live.now = {"state": "ended"}
+        server.live.revision += 1
+        page.end()
+        assert page.last["now"]["state"] == "ended"
+    finally:
+        server.end()
+
+
 # ---- rows that come first
 
 
