@@ -23,7 +23,7 @@ from sim.files import as_path
 from sim.sections import Nominal
 
 if TYPE_CHECKING:
-    from launchid.results.answer import Answer
+    from launchid.report.answer import Answer
 
 
 class DataWarning(UserWarning):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from sim.nominal import Nominal
 
     from ..log.log import Log
-    from ..results.answer import Answer
+    from ..report.answer import Answer
 
 
 def warn(result: "Answer") -> None:

@@ -14,7 +14,7 @@ from sim.effects.words import MEANING
 from sim.files import write_text
 from sim.result import Columns
 
-from ..results.answer import Answer, flat
+from ..report.answer import Answer, flat
 
 PAGE_HEAD = """# Commands
 

@@ -18,7 +18,7 @@ from ..cli.common import check_outputs, read_nominal
 from ..cli.options import NOMINAL_HELP, add_command, given
 from ..cli.terminal import answer, say
 from ..progress import Counter
-from ..results.answer import Answer, flat
+from ..report.answer import Answer, flat
 
 if TYPE_CHECKING:
     from sim.nominal import Nominal

@@ -24,8 +24,8 @@ from ..cli.options import (
 from ..log.table import REQUIRED
 
 if TYPE_CHECKING:
-    from ..comparison.result import Comparison
-    from ..comparison.several import Comparisons
+    from ..report.comparison import Comparison
+    from ..report.comparisons import Comparisons
     from ..sources import LogSource, LogSources, NominalSource
 
 
@@ -84,18 +84,18 @@ def compare(log: LogSources, *nominals: NominalSource, flights: int = 200,
     from ..comparison.flown import LATEST_START, dispersed, flown
     from ..comparison.frequency_response import frequency_responses
     from ..comparison.prediction import predictions
-    from ..comparison.result import Beside, Comparison, labels, masked, report
     from ..log.check import checked
     from ..log.phases import phase_note
     from ..progress import Counter
-    from ..results.headline import of_compared, shown_path
+    from ..report.comparison import Beside, Comparison, labels, masked, report
+    from ..report.headline import of_compared, shown_path
     from ..sources import is_several, load_nominal, read_log, several_logs
     flights = integer("--flights", flights, 0)
     if not nominals:
         raise UsageError("compare: expected at least one nominal")
     believed = [load_nominal(nominal) for nominal in nominals]
     if is_several(log):
-        from ..comparison.several import Comparisons
+        from ..report.comparisons import Comparisons
         found = [cast("Comparison", compare(each, *believed, flights=flights, strict=strict))
                  for each in several_logs(log, REQUIRED)]
         return Comparisons(found) if len(found) > 1 else found[0]

@@ -13,7 +13,7 @@ from ..cli.common import check_outputs, warn
 from ..cli.options import add_command, add_map
 from ..cli.terminal import answer, say
 from ..progress import report
-from ..results.answer import Answer
+from ..report.answer import Answer
 
 if TYPE_CHECKING:
     from pathlib import Path

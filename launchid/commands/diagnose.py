@@ -24,15 +24,15 @@ from ..cli.options import (
     given,
     logs_of,
 )
-from ..results.answer import Answer, flat
+from ..report.answer import Answer, flat
 
 if TYPE_CHECKING:
     from sim.nominal import Nominal
     from sim.result import Columns, Figure
 
-    from ..comparison.result import Comparison
     from ..diagnosis.verdict import Result
     from ..log.log import Log
+    from ..report.comparison import Comparison
     from ..sources import LogSource, LogSources, NominalSource
 
 FOLDER = "report"  # of the report, where no other is named
@@ -110,7 +110,7 @@ def _diagnosed(log: LogSources, nominal: NominalSource, folder: str, *, holdout:
     from ..log.check import checked, ideal_note
     from ..log.phases import phase_note
     from ..progress import report as show
-    from ..results.headline import of_diagnosed, shown_path
+    from ..report.headline import of_diagnosed, shown_path
     from ..sources import is_several, load_nominal, read_log, several_logs
     bootstrap, noise = integer("--bootstrap", bootstrap, 0), word("--noise", noise, NOISE_CHOICES)
     nominal = load_nominal(nominal)
@@ -174,7 +174,7 @@ class Diagnosed(Answer):
 
     def summary(self) -> str:
         from ..diagnosis.answer import lines
-        from ..results.headline import closing
+        from ..report.headline import closing
         return "\n".join([*lines(self.diagnosis), *closing(self.report)])
 
     def columns(self) -> Columns:
@@ -183,7 +183,7 @@ class Diagnosed(Answer):
         return flat(rows) or {name: [] for name in ("cause", "where", "parameter", "value", "std", "unit")}
 
     def _figure(self) -> Figure:
-        from ..diagnosis.report.figures import REPORT_FIGURES, drawable
+        from ..report.diagnosis_figures import REPORT_FIGURES, drawable
         for name in drawable(self.diagnosis):
             if figure := REPORT_FIGURES[name](self.diagnosis):
                 return figure
@@ -191,7 +191,7 @@ class Diagnosed(Answer):
 
     def write_report(self, folder: str | Path) -> None:
         """Write report.html, verdict.json, extension.toml and the figures into a folder."""
-        from ..diagnosis.report.page import write_report
+        from ..report.diagnosis_page import write_report
         write_report(self.diagnosis, self.report, folder, self._comparison())
 
     def _comparison(self) -> Comparison | None:
@@ -214,7 +214,7 @@ class Diagnoses(Answer):
     """Diagnoses of several flights of one vehicle with one nominal: that of each, and whether it is one vehicle."""
 
     def __init__(self, flights: Sequence[Diagnosed], nominal: Nominal) -> None:
-        from ..flights.result import told_by_identification
+        from ..report.flights import told_by_identification
         self.flights = list(flights)
         logs = [each.diagnosis.reading.raw for each in flights]
         joint = told_by_identification(logs, nominal)
@@ -237,7 +237,7 @@ class Diagnoses(Answer):
         return {"headline": f"{said}{rest}.", "next": wrong[0].report["next"]}
 
     def summary(self) -> str:
-        from ..results.headline import closing
+        from ..report.headline import closing
         parts = [f"{Path(each['log']).name}: {each['headline']}" for each in self.report["flights"]]
         p = self.report["one_vehicle"]
         one = [] if p is None else [f"one vehicle, by a6 and k1 of each flight: p {p['p']:.2g}"]

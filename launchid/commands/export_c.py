@@ -14,7 +14,7 @@ from ..cli.common import check_outputs, read_nominal
 from ..cli.options import NOMINAL_HELP, add_choices, add_command, given
 from ..cli.terminal import say
 from ..progress import report
-from ..results.answer import Answer
+from ..report.answer import Answer
 
 if TYPE_CHECKING:
     from launchid_core import Config, Sample

@@ -14,7 +14,7 @@ from ..argument_checks import real
 from ..cli.common import check_outputs, read_nominal, read_noting, reading, warn
 from ..cli.options import add_command, add_map, add_strict, given
 from ..cli.terminal import answer
-from ..results.answer import Answer, flat
+from ..report.answer import Answer, flat
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -25,16 +25,16 @@ from ..cli.options import (
     given,
     logs_of,
 )
-from ..results.answer import Answer, flat
+from ..report.answer import Answer, flat
 
 if TYPE_CHECKING:
     from launchid_core import Change, Config, Estimate
     from sim.nominal import Nominal
     from sim.result import Columns, Figure
 
-    from ..flights.result import JointAnswer
+    from ..identification.control_systems import ControlPlant
     from ..log.log import Log
-    from ..results.control_systems import ControlPlant
+    from ..report.flights import JointAnswer
     from ..sources import LogSource, LogSources, NominalSource
     from ..weakform.late import Late
     from .margins import FlightMargins
@@ -120,12 +120,12 @@ def identify(log: LogSources, nominal: NominalSource | None = None, *, window: f
     from ..log.check import profile_note
     from ..log.commanded import with_nozzle
     from ..log.phases import checked_flight
-    from ..results.headline import of_identified, shown_path
+    from ..report.headline import of_identified, shown_path
     from ..robustness import level
     from ..sources import is_several, load_nominal, read_log, several_logs
     nominal = None if nominal is None else load_nominal(nominal)
     if is_several(log):
-        from ..flights.result import joined
+        from ..report.flights import joined
         asked: dict[str, Any] = {
             "window": window, "tracked": tracked, "library": library, "formulation": formulation, "solver": solver,
             "threshold": threshold, "compression": compression, "seed": seed, "noise": noise, "strict": strict}
@@ -189,7 +189,7 @@ class Identification(Answer):
 
     def summary(self) -> str:
         from ..identification.windows import table
-        from ..results.headline import closing
+        from ..report.headline import closing
         c = self.config
         how = "weak" if self.is_weak else c.formulation
         head = (f"{self.log.path}: formulation {how}, library {self.library}, solver {c.solver}, window "
@@ -202,14 +202,14 @@ class Identification(Answer):
         return flat(self.report["windows"])
 
     def _figure(self) -> Figure:
-        from ..results.figures import identify_figure
+        from ..report.identify_figures import identify_figure
         terms = {term for estimate in self.estimates for term in estimate.terms}
         asked = [name for name, term in (("a6", "theta"), ("k1", "beta")) if term in terms or not self.estimates]
         return identify_figure(self.log, self.report, self.nominal, asked)
 
     def write_report(self, folder: str | Path) -> None:
         """Write report.html, identify.json and the figures into a folder."""
-        from ..results.reports import identify_report
+        from ..report.window_pages import identify_report
         identify_report(self, folder)
 
     def margins(self) -> FlightMargins:
@@ -229,7 +229,7 @@ class Identification(Answer):
     def to_control(self, t: float | None = None) -> ControlPlant:
         """Return the airframe as identified in the window that holds t [s] (None: the last valid one), as
         python-control's StateSpace and TransferFunction, with the covariance of a6 and k1 (extra `control`)."""
-        from ..results.control_systems import control_plant
+        from ..identification.control_systems import control_plant
         return control_plant(self.estimates, self.log.path, t)
 
     def residuals(self, path: str | Path | None = None) -> Figure:
@@ -237,12 +237,12 @@ class Identification(Answer):
 
         path  of a .png, .svg or .pdf, which is written too
         """
-        from ..results.residuals import residuals
+        from ..identification.residuals import residuals
         nominal = self.nominal if self.config.formulation == "filtered" else None
         left = residuals(self.log, self.fitted, nominal, self.late)
 
         def figure() -> Figure:
-            from ..results.figures import residual_figure
+            from ..report.identify_figures import residual_figure
             return residual_figure(self.log, left, self.report["windows"])
 
         from sim.result import drawn

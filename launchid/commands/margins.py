@@ -27,7 +27,7 @@ from ..cli.options import (
     given,
     logs_of,
 )
-from ..results.answer import Answer, flat
+from ..report.answer import Answer, flat
 
 if TYPE_CHECKING:
     from launchid_core import Change, Config, Estimate
@@ -229,11 +229,11 @@ class FlightMargins(Answer):
 
     def write_report(self, folder: str | Path) -> None:
         """Write report.html, margins.json and the figure into a folder."""
-        from ..results.reports import margins_report
+        from ..report.window_pages import margins_report
         margins_report(self, folder)
 
     def _figure(self) -> Figure:
-        from ..results.margin_figures import margins_figure
+        from ..report.margin_figures import margins_figure
         return margins_figure(self.log, self.nominal, self.windows, self.report)
 
 

@@ -14,7 +14,7 @@ from sim.files import write_text
 from ..cli.common import check_outputs, read_noting, reading
 from ..cli.options import LOG_HELP, add_command, add_logs, add_map, add_outputs, logs_of
 from ..cli.terminal import answer
-from ..results.answer import Answer, flat
+from ..report.answer import Answer, flat
 
 if TYPE_CHECKING:
     from sim.nominal import Nominal
@@ -88,7 +88,7 @@ def determined(logs: list[Log]) -> FirstNominal:
     """Return the first nominal of logs, with the reasons for what they cannot tell."""
     from .. import progress
     from ..first_nominal import first, of_flights, report
-    from ..flights.result import joint_report
+    from ..report.flights import joint_report
     names, options = tuple(log.path for log in logs), logs[0].options
     firsts = [first(log) for log in (progress.each(logs, "logs fitted") if len(logs) > 1 else logs)]
     if len(firsts) == 1:
@@ -133,15 +133,15 @@ class FirstNominal(Answer):
 
     def words(self, out: str = "first.toml") -> dict[str, str]:
         """Return the headline and the command to run next; out: where the nominal is."""
-        from ..flights.result import differing
-        from ..results.headline import of_first
+        from ..report.flights import differing
+        from ..report.headline import of_first
         names = " ".join([*self.logs, out]) + self.options
         return of_first(self.numbers, names, differing(self.told, self.joint))
 
     def lines(self, out: str = "nominal") -> str:
         """Return the numbers as text for a terminal; `out` names the file that was written."""
         from ..first_nominal import lines
-        from ..results.headline import closing
+        from ..report.headline import closing
         return "\n".join([*lines(self.numbers, out), *closing(self.words(out))])
 
     def summary(self) -> str:

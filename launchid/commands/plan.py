@@ -11,7 +11,7 @@ from ..cli.common import check_outputs, read_nominal
 from ..cli.options import NOMINAL_HELP, add_command, given
 from ..cli.terminal import answer
 from ..progress import report
-from ..results.answer import Answer
+from ..report.answer import Answer
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -102,7 +102,7 @@ class Planned(Answer):
         return {name: [] if multisine is None else list(getattr(multisine, name)) for name in names}
 
     def _figure(self) -> Figure:
-        from ..results.figures import plan_figure
+        from ..report.identify_figures import plan_figure
         return plan_figure(self.plan)
 
     def write(self, path: str | Path) -> None:

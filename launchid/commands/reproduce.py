@@ -26,5 +26,5 @@ def run(args: argparse.Namespace) -> None:
     """Run `launchid reproduce` with its parsed arguments: repeat experiments into the folder --out, print the table."""
     at_least("--seeds", args.seeds, 1)
     check_outputs(folder=args.out)
-    from ..experiments.report import reproduce
+    from ..report.paper import reproduce
     answer(reproduce(args.case, args.seeds, args.out, say))

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, cast
 from ..cli.common import check_outputs, read_nominal, read_noting, reading
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_logs, add_map, logs_of
 from ..cli.terminal import answer, say
-from ..results.answer import Answer, flat
+from ..report.answer import Answer, flat
 
 if TYPE_CHECKING:
     from sim.result import Columns, Figure
 
-    from ..figures.logs import Looked
+    from ..report.log_figures import Looked
     from ..sources import LogSource, LogSources, NominalSource
 
 PAGES = (".html", ".htm")
@@ -64,8 +64,8 @@ def show(log: LogSources, nominal: NominalSource | None = None) -> Shown:
     Shown
         `plot` draws it, `write` makes a page of it.
     """
-    from ..figures.logs import looked_at
-    from ..results.headline import shown_path
+    from ..report.headline import shown_path
+    from ..report.log_figures import looked_at
     from ..sources import is_several, load_nominal, read_log
     believed = None if nominal is None else load_nominal(nominal)
     given = cast("list[LogSource]", log) if is_several(log) else [cast("LogSource", log)]
@@ -92,7 +92,7 @@ class Shown(Answer):
     warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
-        from ..results.headline import closing
+        from ..report.headline import closing
         return "\n".join([*(each.log.summary() for each in self.looked), *closing(self.report)])
 
     def columns(self) -> Columns:
@@ -100,13 +100,13 @@ class Shown(Answer):
         return flat(rows) or {name: [] for name in ("log", "kind", "channel", "t_start", "t_end", "rows", "message")}
 
     def _figure(self) -> Figure:
-        from ..figures.logs import logs_figure
+        from ..report.log_figures import logs_figure
         return logs_figure(self.looked)
 
     def write(self, path: str | Path) -> None:
         """Write a picture (.png, .svg, .pdf), or a page that zooms (.html)."""
         if Path(path).suffix.lower() in PAGES:
-            from ..figures.logs import write_page
+            from ..report.log_figures import write_page
             write_page(self.looked, self._figure(), str(path))
         else:
             self.plot(path)

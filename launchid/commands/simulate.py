@@ -14,9 +14,9 @@ from ..argument_checks import integer, real, several
 from ..cli.common import at_least, check_outputs, read_nominal, warn
 from ..cli.options import NOMINAL_HELP, add_command, given
 from ..cli.terminal import say
+from ..formatting import SLOWEST_PERIOD
 from ..progress import report
-from ..results.answer import Answer
-from ..shown import SLOWEST_PERIOD
+from ..report.answer import Answer
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -126,7 +126,7 @@ class Flown(Answer):
         return {name: x.tolist() for name, x in (self.log.measured() | truth).items()}
 
     def _figure(self) -> Figure:
-        from ..results.figures import flight_figure
+        from ..report.identify_figures import flight_figure
         return flight_figure(self.flight, self.nominal)
 
     def write(self, path: str | Path) -> None:

@@ -11,7 +11,7 @@ from sim.errors import UsageError
 from ..argument_checks import DEFAULT_WINDOW, window_seconds
 from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import LOG_HELP, NOMINAL_HELP, add_command, add_map, add_outputs, add_strict, given
-from ..results.answer import Answer, flat
+from ..report.answer import Answer, flat
 
 if TYPE_CHECKING:
     from launchid_core import Estimate
@@ -104,5 +104,5 @@ class UncertaintyLevel(Answer):
         return flat(self.report["windows"])
 
     def _figure(self) -> Figure:
-        from ..results.figures import uncertainty_figure
+        from ..report.identify_figures import uncertainty_figure
         return uncertainty_figure(self.log, self.estimates, self.nominal)

@@ -8,10 +8,10 @@ import numpy as np
 from sim.errors import InputError
 from sim.flight import CLOCK_DIGITS
 
+from ..formatting import slow_hint
 from ..log.log import Log
 from ..log.slope import ONE_MOTION
 from ..log.stamps import usable_rows
-from ..shown import slow_hint
 from ..sums import combined, least_squares, products, square
 from ..weakform.rows import path_angle
 

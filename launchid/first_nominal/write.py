@@ -12,7 +12,7 @@ from sim.effects import Effect, effect
 from sim.files import write_text
 from sim.nominal import Actuator, Nominal, Profile, Sensors, Simulation, Wind, constant_profile, nominal_lines
 
-from ..shown import known, saying_what_plus_minus_is, with_std
+from ..formatting import known, saying_what_plus_minus_is, with_std
 from .answer import First, Number
 
 DIGITS = 9             # of a number that has no deviation

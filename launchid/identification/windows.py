@@ -16,6 +16,7 @@ from sim.nominal import Nominal
 from sim.sections import SERVO, Offsets
 
 from .. import progress
+from ..formatting import mode_lines, servo_lines, slow_hint, with_std
 from ..judge.lack import AT_REST, LIBRARY, Lack
 from ..judge.nominal import FITS, NominalTest, lines, tested
 from ..judge.refusal import disbelieved, withdrawn
@@ -26,7 +27,6 @@ from ..log.log import Log
 from ..log.rates import HELD_WORD
 from ..log.steps import with_steps
 from ..onboard import MODELLED, onboard_model
-from ..shown import mode_lines, servo_lines, slow_hint, with_std
 from ..weakform.rows import FAST_THETA, near_all
 
 PART = 50_000  # samples between two reports of progress: about a fifth of a second

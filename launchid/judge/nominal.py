@@ -18,9 +18,9 @@ import numpy as np
 from launchid_core import Estimate
 from sim.nominal import Actuator, Nominal
 
+from ..formatting import with_std
 from ..log.check import CheckedLog
 from ..log.loop import Loop, loop_of
-from ..shown import with_std
 from .line import Line, undeclared_line
 from .table import TESTS
 

@@ -123,7 +123,7 @@ class Log(Result):
         return f"{self.path if of is None else of}: {rows}; measured: {shares or 'nothing'}"
 
     def _figure(self) -> "Figure":
-        from ..figures.logs import logs_figure, looked_at
+        from ..report.log_figures import logs_figure, looked_at
         return logs_figure([looked_at(self)])
 
     @property

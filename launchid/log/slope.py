@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..shown import SLOWEST_PERIOD
+from ..formatting import SLOWEST_PERIOD
 from ..sums import combined, least_squares, square
 
 DEGREES = 180.0 / math.pi  # in a radian

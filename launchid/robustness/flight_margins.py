@@ -22,8 +22,8 @@ from sim.errors import InputError
 from sim.nominal import Nominal
 from sim.sections import SERVO, Required
 
+from ..formatting import servo_lines
 from ..onboard import onboard_model
-from ..shown import servo_lines
 from . import flown as fl
 from .airframe import Airframe, Damping, airframe_of
 from .gains import allowed, telling

@@ -10,11 +10,11 @@ from launchid_core import BANDS, Config, Estimate, Level, Model, Uncertainty
 from sim.errors import InputError
 from sim.nominal import Nominal, Profile
 
+from ..formatting import with_std
 from ..identification.windows import number, onboard_model, run
 from ..judge.nominal import tested
 from ..log.check import CheckedLog
 from ..log.log import Log
-from ..shown import with_std
 
 UNCERTAIN_PARAMETERS = ("a6", "k1")
 NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last one belongs to the log's clock

@@ -19,8 +19,8 @@ from sim.effects.actuator import play
 from sim.vehicle.actuator import fastest_pole, free_servo
 from sim.vehicle.kernels import kernel
 
+from ..formatting import PLUS_MINUS, with_std
 from ..log.log import Log
-from ..shown import PLUS_MINUS, with_std
 from ..sums import along, combined, least_squares, products, square
 
 INNOVATION_BLOCK = 1.0  # s

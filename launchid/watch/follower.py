@@ -14,6 +14,7 @@ from launchid_core import EDGES, Config, Estimate, EstimateStatus, Estimator, St
 from sim.errors import InputError, Told, UsageError
 from sim.nominal import Nominal
 
+from ..formatting import servo_lines
 from ..identification.windows import (
     REASONS,
     actuator_json,
@@ -28,7 +29,6 @@ from ..judge.refusal import disbelieved
 from ..log.live import LiveCheck
 from ..log.log import Log, log_of
 from ..robustness.level import level_json, ranged_model
-from ..shown import servo_lines
 from .last_rows import LastRows
 from .live import Live, Row
 from .rate import Rate

@@ -26,7 +26,7 @@ from typing import Any
 
 from sim.errors import UsageError
 
-from ..charts import inlined
+from ..report.inline import inlined
 from .live import Live, message
 from .sources import ARRIVALS, LOOPBACK
 

@@ -13,7 +13,7 @@ from ..convert.mapping import Map
 from ..identification.windows import table
 from ..log.check import profile_note
 from ..log.cut import WHOLE, Cut
-from ..results.answer import Answer, flat
+from ..report.answer import Answer, flat
 from .follower import Follower
 from .lines import Lines
 from .server import Server

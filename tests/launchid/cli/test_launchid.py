@@ -11,8 +11,8 @@ from shortened import short
 
 import launchid
 from launchid.cli.main import main
+from launchid.formatting import with_std
 from launchid.log.log import read_log, write_columns
-from launchid.shown import with_std
 from sim.effects import effect
 from sim.nominal import write_nominal
 

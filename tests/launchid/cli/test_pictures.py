@@ -17,9 +17,9 @@ import launchid
 from launchid.cli.main import main
 from launchid.commands.identify import Identification
 from launchid.commands.identify import identify as identified
+from launchid.identification import residuals as rs
 from launchid.log.check import ideal_note
 from launchid.log.log import Log, flown_log, read_log, write_columns, write_flight
-from launchid.results import residuals as rs
 from sim.errors import InputError
 from sim.flight import fly_whole
 
@@ -27,8 +27,8 @@ pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figure
 
 from matplotlib.figure import Figure
 
-from launchid.charts import FOLDER, MARKS, inlined
-from launchid.charts.figure import figure_json
+from launchid.report.curves import figure_json
+from launchid.report.inline import FOLDER, MARKS, inlined
 
 
 def a_log(seconds: float = 60.0) -> Log:

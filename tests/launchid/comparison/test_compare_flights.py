@@ -11,9 +11,9 @@ from scipy.stats import kstest
 from launchid.commands.compare import compare
 from launchid.comparison.flown import FIRST_SEED, Draw, along, dispersed, drawn, flown, fly_drawn, quiet
 from launchid.comparison.prediction import predictions, statistics
-from launchid.comparison.result import Comparison
 from launchid.log.detect import check
 from launchid.log.log import Log, flown_log
+from launchid.report.comparison import Comparison
 from sim.effects import effect
 from sim.flight import fly_whole
 from sim.nominal import load_nominal

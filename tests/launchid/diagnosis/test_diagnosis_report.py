@@ -16,21 +16,20 @@ import pytest
 from shortened import short
 
 import launchid
-from launchid import charts
 from launchid.commands.diagnose import Diagnosed
 from launchid.diagnosis.answer import extension
 from launchid.diagnosis.answer import report as json_of
-from launchid.diagnosis.report import page as report_module
-from launchid.diagnosis.report.page import write_report
 from launchid.diagnosis.verdict import Result, diagnose
 from launchid.log.log import OPTIONAL, REQUIRED, Log
+from launchid.report import diagnosis_page as report_module
+from launchid.report.diagnosis_page import write_report
+from launchid.report.inline import FOLDER
 from sim.effects import effect
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 
 DURATION = 20.0        # s
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "headless_shell")
-CHARTS = Path(charts.__file__).parent
 PATIENCE = 30.0        # s for a browser to load a page
 LOADED = "the page is loaded"
 VOID = {"meta", "link", "img", "br", "hr"}
@@ -125,8 +124,8 @@ def test_a_report_is_one_balanced_page_that_needs_nothing_else(folders, verdict)
     assert {link[1:] for link in inside} <= page.ids
     assert all(link.startswith("data:") or link == "extension.toml" for link in page.links if link not in inside)
     html = (folders[verdict] / "report.html").read_text(encoding="utf-8")
-    for name in ("uPlot.iife.min.js", "uPlot.min.css"):   # of which tests/test_charts.py says the same
-        html = html.replace((CHARTS / name).read_text(encoding="utf-8"), "")
+    for name in ("uPlot.iife.min.js", "uPlot.min.css"):   # whose comments and namespaces hold addresses
+        html = html.replace((FOLDER / name).read_text(encoding="utf-8"), "")
     assert "http:" not in html and "https:" not in html and "url(" not in html and "@import" not in html
 
 

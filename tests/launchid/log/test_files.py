@@ -37,7 +37,7 @@ def log(tmp_path: Path) -> Path:
 
 def figure(path: Path) -> None:
     pyplot = pytest.importorskip("matplotlib.pyplot")
-    from launchid.figures.plots import save
+    from launchid.report.paper_figures import save
     save(pyplot.figure(), path)
 
 

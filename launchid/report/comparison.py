@@ -11,13 +11,13 @@ import numpy as np
 from sim.nominal import Nominal
 from sim.result import Columns
 
+from ..comparison.flown import FLOWN_CHANNELS, Dispersed
+from ..comparison.frequency_response import COHERENT, Response
+from ..comparison.prediction import HORIZONS, NO_STATISTICS, Predictions, Statistics, statistics
 from ..log.detect import DataCheck
 from ..log.log import Log
-from ..results.answer import Answer, flat
-from ..results.headline import BEYOND_NOISE, closing
-from .flown import FLOWN_CHANNELS, Dispersed
-from .frequency_response import COHERENT, Response
-from .prediction import HORIZONS, NO_STATISTICS, Predictions, Statistics, statistics
+from .answer import Answer, flat
+from .headline import BEYOND_NOISE, closing
 
 if TYPE_CHECKING:
     from sim.result import Figure
@@ -128,17 +128,17 @@ class Comparison(Answer):
         return flat(self._rows())
 
     def _figure(self) -> "Figure":
-        from .figures import comparison_figure
+        from .comparison_figures import comparison_figure
         return comparison_figure(self)
 
     def figures(self) -> dict[str, "Figure"]:
         """Return file name -> matplotlib figure, of what can be drawn: comparison, dispersions, responses."""
-        from .figures import COMPARISON_FIGURES
+        from .comparison_figures import COMPARISON_FIGURES
         return {name: figure for name, make in COMPARISON_FIGURES.items() if (figure := make(self)) is not None}
 
     def write_report(self, folder: str | Path) -> None:
         """Write report.html, compare.json and the figures into a folder."""
-        from .page import write_comparison
+        from .comparison_page import write_comparison
         write_comparison(self, folder)
 
 

@@ -15,10 +15,10 @@ from sim.errors import UsageError
 from sim.flight import Flight
 from sim.nominal import Nominal
 
+from ..formatting import with_std
+from ..identification.residuals import INCREMENT, LAG_OF_WHITENESS, Predicted, Residuals
 from ..log.log import Log
-from ..shown import with_std
 from ..test_input import Plan
-from .residuals import INCREMENT, LAG_OF_WHITENESS, Predicted, Residuals
 
 INTERVAL = 1.96     # standard deviations: 95 %
 DETERMINED = 3.0    # times the interval of the best quarter: a wider one does not set the scale, unless

@@ -16,14 +16,14 @@ from sim.errors import InputError
 from sim.files import write_text
 from sim.sections import Nominal
 
-from ..charts.figure import figure_json
-from ..charts.page import list_of, page, picture, text
-from ..charts.report import COLOUR
 from ..log.check import COLUMN_FAULTS, checked, columns_alone
 from ..log.fault import Fault
 from ..log.log import Log
 from ..log.phases import phase_note
 from ..log.table import OPTIONAL, REQUIRED
+from .curves import figure_json
+from .folder import COLOUR
+from .page import list_of, page, picture, text
 
 COLUMN_UNITS = {"theta_dot": "rad/s", "theta_ddot": "rad/s$^2$", "rate_ref": "rad/s"}  # the others: rad
 LOG_STYLES: tuple[dict[str, Any], ...] = (  # that stay apart in grey

@@ -1,13 +1,13 @@
-"""Charts on a page that one can zoom into: uPlot, and style and script that reports and the live page share, inlined.
+"""Put style and script of the charts into a page, which then loads nothing: reports and the live page.
 
 uPlot (https://github.com/leeoniya/uPlot, 1.6.32 of May 2025, MIT) draws time series: 51 kB of script without
-dependencies, for cursor, zoom, scales, axes and legend.  dygraphs is 2.5 times as large, Plotly 95 times.  A page loads
-nothing: the files are in it, the licence with them.
+dependencies, for cursor, zoom, scales, axes and legend.  dygraphs is 2.5 times as large, Plotly 95 times.  Its
+licence is in the page, too.
 """
 
 from pathlib import Path
 
-FOLDER = Path(__file__).parent
+FOLDER = Path(__file__).parent / "assets"
 MARKS = {"/* charts.css */": ("uPlot.min.css", "charts.css"), "/* charts.js */": ("uPlot.iife.min.js", "charts.js")}
 
 

@@ -4,11 +4,10 @@ import base64
 import json
 from collections.abc import Iterable, Sequence
 from html import escape
-from pathlib import Path
 from string import Template
 from typing import Any
 
-from . import inlined
+from .inline import FOLDER, inlined
 
 
 def text(words: object) -> str:
@@ -30,7 +29,7 @@ def list_of(items: Sequence[str]) -> str:
     return items[0] if len(items) == 1 else f"<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>"
 
 
-TEMPLATE = Path(__file__).with_name("page.html")
+TEMPLATE = FOLDER / "page.html"
 
 
 def page(headline: str, above: str, colour: str, first: str, sections: Sequence[tuple[str, str]]) -> str:

@@ -9,9 +9,9 @@ import numpy as np
 from sim.errors import UsageError
 from sim.result import Columns
 
-from ..results.answer import Answer
-from ..results.headline import closing
-from .result import Comparison
+from .answer import Answer
+from .comparison import Comparison
+from .headline import closing
 
 if TYPE_CHECKING:
     from sim.result import Figure

@@ -12,12 +12,9 @@ from sim.files import make_folder, write_text
 from sim.nominal import built_in, load_nominal
 
 from ..bound.flights import flight_bound
-from ..identification.windows import number
-from ..monte_carlo.campaign import run_jobs
-from ..progress import Counter
-from . import confidence
-from .cases import CASES, CONFIDENCE, Case
-from .flights import (
+from ..experiments import confidence
+from ..experiments.cases import CASES, CONFIDENCE, Case
+from ..experiments.flights import (
     EXACT,
     NODE,
     TRUE_A6,
@@ -30,6 +27,9 @@ from .flights import (
     fly_job,
     vehicle_jobs,
 )
+from ..identification.windows import number
+from ..monte_carlo.campaign import run_jobs
+from ..progress import Counter
 
 BOUND_SEEDS = 3  # the bound varies by a percent between flights
 
@@ -249,10 +249,10 @@ def draw(figures: Callable[..., list[str]], *what: Any) -> list[str]:
 
 
 def _paper_figures(folder: Path, name: str, results: list[Result]) -> list[str]:
-    from ..figures import plots
+    from . import paper_figures as plots
     return plots.paper_figures(folder, name, results)
 
 
 def _confidence_figures(folder: Path, bands: dict[str, list[confidence.Band]]) -> list[str]:
-    from ..robustness import figures
+    from . import confidence_figures as figures
     return figures.confidence_figures(folder, bands)

@@ -57,7 +57,7 @@ def drawn(pictures: Mapping[str, Picture], folder: Path) -> str:
     try:
         from sim.canvas import save
 
-        from .figure import figure_json
+        from .curves import figure_json
         parts = []
         for name, each in pictures.items():
             figure = each.draw()

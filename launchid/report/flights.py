@@ -12,11 +12,11 @@ import numpy as np
 
 from sim.errors import InputError, UsageError
 
+from ..flights.pooled import PARAMETERS, Joint, Told, pooled
+from ..formatting import saying_what_plus_minus_is, with_std
 from ..log.commanded import is_of_commands
-from ..results.answer import Answer, flat
-from ..results.headline import closing, shown_path
-from ..shown import saying_what_plus_minus_is, with_std
-from .pooled import PARAMETERS, Joint, Told, pooled
+from .answer import Answer, flat
+from .headline import closing, shown_path
 
 if TYPE_CHECKING:
     from launchid_core import Estimate
@@ -79,12 +79,12 @@ class JointAnswer(Answer):
         return flat(rows) or {name: [] for name in ("flight", "a6", "a6_std", "k1", "k1_std")}
 
     def _figure(self) -> Figure:
-        from .figure import joint_figure
+        from .flights_page import joint_figure
         return joint_figure(self)
 
     def write_report(self, folder: str | Path) -> None:
         """Write report.html, flights.json and the figure into a folder."""
-        from .figure import write_joint
+        from .flights_page import write_joint
         write_joint(self, folder)
 
 

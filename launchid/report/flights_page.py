@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..charts.page import table, text
-from ..charts.report import Picture, paragraphs, write_report
-from ..shown import with_std
-from .pooled import PARAMETERS
+from ..flights.pooled import PARAMETERS
+from ..formatting import with_std
+from .folder import Picture, paragraphs, write_report
+from .page import table, text
 
 if TYPE_CHECKING:
-    from .result import JointAnswer
+    from .flights import JointAnswer
 
 INTERVAL = 1.96   # standard deviations: 95 %
 WORDS = (("all", "the flights together, each weighted by what it tells"),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..shown import with_std
+from ..formatting import with_std
 
 if TYPE_CHECKING:
     from ..first_nominal import First

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from .flown import FLOWN_CHANNELS
-from .frequency_response import COHERENT, Response
-from .prediction import HORIZONS
-from .result import DECIBEL, INTERVAL, RESPONSE_UNITS, Comparison, decibels_and_degrees
+from ..comparison.flown import FLOWN_CHANNELS
+from ..comparison.frequency_response import COHERENT, Response
+from ..comparison.prediction import HORIZONS
+from .comparison import DECIBEL, INTERVAL, RESPONSE_UNITS, Comparison, decibels_and_degrees
 
 MEASURED_LINE: dict[str, Any] = {"color": "0.72", "linewidth": 2.6, "linestyle": "-"}
 NOMINAL_STYLES: tuple[dict[str, Any], ...] = (  # from light to dark in grey

@@ -8,11 +8,11 @@ import numpy as np
 from sim.errors import InputError
 from sim.sections import Required
 
-from ..charts.page import table, text
-from ..charts.report import Picture, paragraphs, write_report
+from ..formatting import with_std
 from ..robustness.flight_margins import MARGIN_NAMES, closing_lines, gain_lines, heads, margin_words
-from ..shown import with_std
+from .folder import Picture, paragraphs, write_report
 from .headline import closing
+from .page import table, text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

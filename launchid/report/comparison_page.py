@@ -3,11 +3,11 @@
 import functools
 from pathlib import Path
 
-from ..charts.page import table, text
-from ..charts.report import Picture, write_report
-from .flown import FLOWN_CHANNELS
-from .prediction import HORIZONS
-from .result import BIASED, RESPONSE_UNITS, Comparison
+from ..comparison.flown import FLOWN_CHANNELS
+from ..comparison.prediction import HORIZONS
+from .comparison import BIASED, RESPONSE_UNITS, Comparison
+from .folder import Picture, write_report
+from .page import table, text
 
 CAPTIONS = {  # file: heading, and how to read it
     "comparison.png": ("Measured and simulated",
@@ -37,7 +37,7 @@ GLOSSARY = (
 
 def pictures_of(made: Comparison) -> dict[str, Picture]:
     """Return file name -> picture (heading, caption, drawing function) of the comparison's figures."""
-    from .figures import COMPARISON_FIGURES
+    from .comparison_figures import COMPARISON_FIGURES
     return {name: Picture(*CAPTIONS[name], functools.partial(draw, made)) for name, draw in COMPARISON_FIGURES.items()}
 
 

@@ -7,10 +7,10 @@ from matplotlib.figure import Figure
 
 from sim.canvas import panels, save
 
-from ...figures.logs import logs_figure, looked_at
-from ...likelihood.estimate import Fit, refreshed
-from ..gain import CHANNELS, GAIN_HORIZON, SPACING, predictions
-from ..verdict import Result
+from ..diagnosis.gain import CHANNELS, GAIN_HORIZON, SPACING, predictions
+from ..diagnosis.verdict import Result
+from ..likelihood.estimate import Fit, refreshed
+from .log_figures import logs_figure, looked_at
 
 __all__ = ["REPORT_FIGURES", "drawable", "save"]
 

@@ -8,15 +8,15 @@ from sim.errors import InputError
 from sim.files import make_folder, remove, write_text
 from sim.nominal import rewrite_nominal
 
-from ...charts.page import list_of, picture, table, text
-from ...charts.page import page as made_page
-from ...charts.report import NO_FIGURES
-from ...charts.report import drawn as pictures_drawn
-from ...comparison.page import CAPTIONS, pictures_of, summary_table
-from ...comparison.result import Comparison
-from ...results.headline import shown_path
-from ..answer import extension, headline, sizes, would_decide
-from ..verdict import Result
+from ..diagnosis.answer import extension, headline, sizes, would_decide
+from ..diagnosis.verdict import Result
+from .comparison import Comparison
+from .comparison_page import CAPTIONS, pictures_of, summary_table
+from .folder import NO_FIGURES
+from .folder import drawn as pictures_drawn
+from .headline import shown_path
+from .page import list_of, picture, table, text
+from .page import page as made_page
 
 COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "dominant": "#3b3170", "unexplained": "#8a4b00",
            "bad-data": "#7f1d1d"}
@@ -58,8 +58,8 @@ def write_report(result: Result, answer: dict[str, Any], folder: str | Path, bes
 def _draw(result: Result, folder: Path) -> Drawn | None:
     """Write the figures; return (name, PNG, figure as JSON) of each, None without matplotlib."""
     try:
-        from ...charts.figure import figure_json
-        from .figures import REPORT_FIGURES, drawable, save
+        from .curves import figure_json
+        from .diagnosis_figures import REPORT_FIGURES, drawable, save
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("matplotlib"):
             raise

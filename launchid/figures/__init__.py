@@ -1,1 +1,0 @@
-"""Figures of logs and of the paper's experiments."""
