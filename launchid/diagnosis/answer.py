@@ -218,9 +218,13 @@ def lines(result: Result) -> list[str]:
 
 def sizes(each: Named) -> str:
     """Return a cause's parameters as text, each with unit and one standard deviation."""
-    words = []
+    words, given = [], each.values
     for key, (value, std) in each.parameters.items():
-        if isinstance(value, str):
+        if key == "coefficient" and "believed" in given:
+            words.append(f"{value + given['believed']:.4g}" + (f" +- {std:.2g}" if std else ""))
+        elif key == "believed":
+            words.append(f"for {value:.4g}")
+        elif isinstance(value, str):
             words.append(f"{key} {value}")
         else:
             unit = unit_of(each.cause, key)

@@ -45,7 +45,7 @@ def usual(log: KnownLog) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table wi
     for name, value in log.terms.items():
         if name in LIBRARY:
             prior = abs(value) * LARGEST_SHIFT + (2.0 * acc if name == "1" else 0.0)
-            add("term " + name, value, tol * abs(value), prior, "", name)   # it is there, so it is no missing one
+            add("term " + name, value, tol * abs(value), prior, "missing_term", name)
     if has_input:
         add("k1", 1.0, tol, LARGEST_SHIFT, "control_effectiveness", "scale")
         add("k1_slope", 0.0, 0.0, 2.0 / span, "control_slope", "slope")

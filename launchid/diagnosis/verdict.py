@@ -292,6 +292,8 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
         j, number = k.group.numbers[0], m.table.numbers[k.group.numbers[0]]
         coefficient = (float(el.final.p[j]) - number.null, k.std.get(j))
         values = {"term": (number.parameter, None), "coefficient": coefficient}
+        if number.name == "term " + number.parameter and number.null != 0.0:   # of the nominal's own: more of it
+            values["believed"] = (number.null, None)
     if cause == "periodic_disturbance":
         s, c = (float(el.final.p[j]) for j in k.group.numbers[:2])
         w = float(el.final.p[k.group.numbers[2]])

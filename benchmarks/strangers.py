@@ -1,0 +1,236 @@
+"""Strangers' logs with a known truth: the diagnosis of bodies that the project's own simulator did not fly.
+
+    python benchmarks/strangers.py [--half tuning|held-out] [--only WORD...] [--out FILE] [--compare FILE]
+
+Five kinds of body (a drone's roll, a bench with a propeller, a servo with a load, a balancing robot, a pendulum with a
+measured torque), integrated at 1 ms with nothing of the packages. Their input acts late, by a delay and a servo of
+first or second order that no row measures; beside the white noise of the sensors they are moved by a coloured
+disturbance and a vibration that no model has, 5 to 20 times the acceleration noise that the nominal declares; rates are
+50 to 500 Hz.
+The nominal is right but for one thing, or right: its delay is all of the body's lateness, without its form.
+right: the thing, or its look-alike, is named and nothing else, or a right nominal is consistent; wrong: anything else
+is named, or a wrong nominal is consistent; refused: neither. Seeds are split: one half to tune on, one held out.
+"""
+
+import argparse
+import json
+import math
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from launchid.diagnosis.answer import headline, report
+from launchid.diagnosis.verdict import diagnose
+from launchid.log.log import Log, log_of_values
+from sim.nominal import Nominal
+from sim.nominal.reader import nominal_of
+from sim.nominal.table import Table
+
+STEP = 1e-3            # s of the integration
+SECONDS = 16.0
+HALVES = {"tuning": 9000, "held-out": 9500}   # first seed
+LATE = ("actuator_delay", "actuator_bandwidth", "actuator_rate_limit")
+TRIM = ("attitude_bias", "steady_wind", "thrust_misalignment", "actuator_bias", "missing_term(1)")
+GAIN = ("control_effectiveness", "actuator_gain", "missing_term(beta)")
+# body: things that may be wrong -> names that are right
+WRONG = {
+    "drone": {"": (), "k1": GAIN, "late": LATE, "damping": ("aero_damping", "missing_term(theta_dot)"), "trim": TRIM},
+    "bench": {"": (), "k1": GAIN, "late": LATE, "sine": ("missing_term(sin(theta))",),
+              "damping": ("aero_damping", "missing_term(theta_dot)")},
+    "servo": {"": (), "k1": GAIN, "late": LATE, "own damping": ("aero_damping", "missing_term(theta_dot)"),
+              "friction": ("friction", "missing_term(sign(theta_dot))")},
+    "robot": {"": (), "k1": GAIN, "late": LATE, "a6": ("aero_instability", "missing_term(theta)"), "trim": TRIM},
+    "pendulum": {"": (), "k1": GAIN, "friction": ("friction", "missing_term(sign(theta_dot))"),
+                 "linear": ("missing_term(sin(theta))", "aero_cubic", "missing_term(theta^3)"),
+                 "sine": ("missing_term(sin(theta))",)}}
+
+
+class Body(NamedTuple):
+    """theta'' = a6 theta - g sin(theta) - c omega - f sign(omega) + k (b + trim); b: the input after delay and servo."""
+
+    a6: float = 0.0
+    g: float = 0.0
+    c: float = 0.0
+    f: float = 0.0
+    k: float = 0.0
+    trim: float = 0.0
+    delay: float = 0.0
+    servo: float = 0.0     # rad/s, natural frequency; 0: none
+    zeta: float = 1.0      # 0: of first order
+    kp: float = 0.0        # of its own loop, none: random steps of the input
+    kd: float = 0.0
+    size: float = 0.0      # of the steps of reference or input
+
+
+def drawn(kind: str, rng: np.random.Generator) -> Body:
+    """Return a body of a kind, its numbers drawn."""
+    u = rng.uniform
+    if kind == "drone":
+        k, w = u(40.0, 120.0), u(4.0, 6.0)
+        return Body(c=u(1.0, 3.0), k=k, trim=u(0.02, 0.05), delay=u(0.008, 0.025), servo=u(25.0, 50.0),
+                    zeta=u(0.7, 1.0), kp=w * w / k, kd=1.6 * w / k, size=u(0.2, 0.4))
+    if kind == "bench":
+        return Body(g=u(4.0, 12.0), c=u(0.6, 1.5), k=u(6.0, 14.0), delay=u(0.01, 0.03), servo=1.0 / u(0.05, 0.14),
+                    zeta=0.0, size=u(0.4, 0.8))
+    if kind == "servo":
+        k, w = u(40.0, 120.0), u(7.0, 12.0)
+        return Body(c=u(4.0, 10.0), f=u(2.0, 6.0), k=k, delay=u(0.006, 0.02), servo=u(60.0, 120.0), zeta=0.8,
+                    kp=w * w / k, kd=0.6 * w / k, size=u(0.5, 1.0))
+    if kind == "robot":
+        a6, k = u(15.0, 50.0), -u(1.0, 8.0)
+        w = 1.6 * math.sqrt(a6)
+        return Body(a6=a6, k=k, trim=-u(0.02, 0.05) * a6 / k, delay=u(0.004, 0.01), servo=1.0 / u(0.008, 0.02),
+                    zeta=0.0, kp=(w * w + a6) / k, kd=1.5 * w / k, size=u(0.05, 0.1))
+    return Body(g=u(15.0, 60.0), c=0.05, f=u(0.6, 1.5), k=u(5.0, 10.0), delay=0.0, size=u(1.0, 3.0))
+
+
+def flown(body: Body, rate: float, rng: np.random.Generator) -> tuple[dict[str, np.ndarray], float, float]:
+    """Return columns t, theta, theta_dot, input, the rms acceleration and the white part of the disturbance."""
+    n, every = int(SECONDS / STEP), round(1.0 / rate / STEP)
+    steps = np.repeat(rng.uniform(-1.0, 1.0, n // 700 + 1), 700)[:n] * body.size
+    slow = np.cumsum(rng.normal(size=n)) * math.sqrt(STEP)
+    steps += 0.1 * body.size * np.sin(3.0 * np.arange(n) * STEP + slow)
+    time_constant, hum = rng.uniform(0.03, 0.15), rng.uniform(30.0, 90.0)
+    e, tone = rng.normal(size=n), np.sin(hum * np.arange(n) * STEP + 3.0 * slow)
+    share = rng.uniform(0.05, 0.15)
+    theta, omega, b, v, x, u = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    late, out, acc = round(body.delay / STEP), np.empty((n, 3)), np.empty(n)
+    sent = np.zeros(n)
+    typical = max(abs(body.k) * body.size * (body.kp if body.kp else 1.0) * 0.4, 0.3 * body.g * min(body.size, 1.0))
+    for i in range(n):
+        if i % every == 0:
+            u = (body.kp * (steps[i] - theta) - body.kd * omega) if body.kp else steps[i]
+            u = float(u)
+        out[i] = theta, omega, u
+        sent[i] = u
+        now = sent[i - late] if i >= late else 0.0
+        if body.servo == 0.0:
+            b = now
+        elif body.zeta == 0.0:
+            b += STEP * body.servo * (now - b)
+        else:
+            v += STEP * body.servo * (body.servo * (now - b) - 2.0 * body.zeta * v)
+            b += STEP * v
+        x += -x * STEP / time_constant + math.sqrt(2.0 * STEP / time_constant) * e[i]
+        a = body.a6 * theta - body.g * math.sin(theta) - body.c * omega - body.f * math.tanh(omega / 0.02) \
+            + body.k * (b + body.trim)
+        acc[i] = a
+        a += share * typical * (x + 0.7 * tone[i])
+        omega += STEP * a
+        theta += STEP * omega
+    rows = out[::every]
+    t = np.arange(len(rows)) * every * STEP
+    noise = rng.uniform(0.5, 2.0) * np.array([1e-3, 1e-2])
+    columns = {"t": t, "theta": rows[:, 0] + noise[0] * rng.normal(size=len(t)),
+               "theta_dot": rows[:, 1] + noise[1] * rng.normal(size=len(t)), "input": rows[:, 2]}
+    return columns, float(np.std(acc)), share * typical
+
+
+def nominal_for(kind: str, body: Body, wrong: str, rate: float, motion: float, rng: np.random.Generator) -> Nominal:
+    """Return the nominal of a body, one thing wrong, or nothing ("")."""
+    off = rng.choice([0.65, 1.5])
+    k = body.k * (off if wrong == "k1" else 1.0)
+    damping = 0.0 if wrong == "damping" else body.c * (0.4 if wrong == "own damping" else 1.0)
+    terms: dict[str, float] = {"beta": k}
+    if body.a6:
+        terms["theta"] = body.a6 * (off if wrong == "a6" else 1.0)
+    if body.g:
+        terms["theta" if wrong == "linear" else "sin(theta)"] = -body.g * (off if wrong == "sine" else 1.0)
+    if damping:
+        terms["theta_dot"] = -damping
+    if body.f and wrong != "friction":
+        terms["sign(theta_dot)"] = -body.f
+    if body.trim and wrong != "trim":
+        terms["1"] = body.k * body.trim
+    lag = 0.0 if not body.servo else (1.0 if body.zeta == 0.0 else 2.0 * body.zeta) / body.servo
+    table: dict[str, Any] = {
+        "vehicle": {"terms": terms},
+        "sensors": {"period": 1.0 / rate, "theta_std": 1e-3, "theta_dot_std": 1e-2, "beta_std": 1e-3},
+        "simulation": {"duration": SECONDS, "acceleration_noise_std": motion / rng.uniform(5.0, 20.0)}}
+    if kind != "pendulum":
+        table["actuator"] = {"natural_frequency": 500.0, "damping_ratio": 0.7}
+        if wrong != "late":
+            table["actuator"]["delay"] = round(body.delay + lag, 4)
+    return nominal_of(Table(Path(f"{kind}.toml"), table | {"name": kind}))
+
+
+def cases(half: str) -> list[tuple[str, str, str, int]]:
+    """Return (name, kind, wrong, seed) of a half."""
+    out = []
+    for a, (kind, of) in enumerate(WRONG.items()):
+        for b, wrong in enumerate((*of, "")):
+            seed = HALVES[half] + 10 * a + b
+            out.append((f"{kind}-{wrong.replace(' ', '-') or 'right'}-{seed}", kind, wrong, seed))
+    return out
+
+
+def made(kind: str, wrong: str, seed: int) -> tuple[Log, Nominal]:
+    """Return the log and the nominal of a case."""
+    rng = np.random.default_rng(seed)
+    body, rate = drawn(kind, rng), float(rng.choice([50.0, 100.0, 200.0, 500.0]))
+    columns, _, motion = flown(body, rate, rng)
+    nominal = nominal_for(kind, body, wrong, rate, motion, rng)
+    columns["beta" if kind == "pendulum" else "beta_cmd"] = columns.pop("input")
+    return log_of_values(f"{kind}-{seed}", columns), nominal
+
+
+def outcome(kind: str, wrong: str, answer: dict[str, Any]) -> str:
+    """Return right, wrong or refused."""
+    if not wrong:
+        return "right" if answer["verdict"] == "consistent" else "wrong" if answer["causes"] else "refused"
+    if answer["verdict"] == "consistent":
+        return "wrong"
+    accepted, hit = WRONG[kind][wrong], False
+    for cause in answer["causes"]:
+        term = cause["parameters"].get("term", {}).get("value")
+        names = {cause["cause"], f"{cause['cause']}({term})", *cause["indistinguishable_from"]}
+        good = bool(names & {*accepted, *(each.partition("(")[0] for each in accepted if cause["cause"] != "missing_term")})
+        if not good and not (wrong == "linear" and term == "theta"):
+            return "wrong"
+        hit = hit or good
+    return "right" if hit else "refused"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--half", choices=tuple(HALVES), default="tuning")
+    parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--compare", type=Path)
+    parser.add_argument("--verbose", action="store_true")
+    args = parser.parse_args()
+    before = {row["name"]: row for row in map(json.loads, args.compare.read_text().splitlines())} if args.compare else {}
+    rows = []
+    for name, kind, wrong, seed in cases(args.half):
+        if args.only and not any(word in name for word in args.only):
+            continue
+        log, nominal = made(kind, wrong, seed)
+        begun = time.process_time()
+        result = diagnose(log, nominal)
+        seconds, answer = time.process_time() - begun, report(result)
+        row = {"name": name, "outcome": outcome(kind, wrong, answer), "seconds": round(seconds, 2),
+               "said": headline(result), "doubts": answer["doubts"] + answer["remaining"],
+               "nearest": [each["resembles"] for each in answer["nearest"]]}
+        rows.append(row)
+        change = f" (was {before[name]['outcome']})" if name in before and before[name]["outcome"] != row["outcome"] else ""
+        print(f"{row['outcome']:8s}{change} {name:28s} {seconds:5.1f} s  {row['said']}", flush=True)
+        if args.verbose or change:
+            print("            ", row["nearest"], row["doubts"], flush=True)
+        if args.out:
+            args.out.write_text("\n".join(map(json.dumps, rows)) + "\n")
+    for words, of in (("wrong nominals", [r for r in rows if "-right-" not in r["name"]]),
+                      ("right nominals", [r for r in rows if "-right-" in r["name"]])):
+        counts = {key: sum(r["outcome"] == key for r in of) for key in ("right", "wrong", "refused")}
+        print(words, len(of), counts)
+    print("seconds: median", round(float(np.median([r["seconds"] for r in rows])), 1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
