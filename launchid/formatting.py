@@ -1,4 +1,4 @@
-"""Write numbers for a reader: a value to the digit that its standard deviation makes known."""
+"""Write numbers: for a reader to the digit that a standard deviation makes known, for JSON null if not finite."""
 
 import math
 
@@ -7,6 +7,11 @@ MOST_DECIMALS = 9   # a number closer to the noise of arithmetic is written with
 NO_STD_DIGITS = 5   # of a value without one
 SLOWEST_PERIOD = 0.5  # s: no launcher is logged as slowly, and milliseconds are above it
 PLUS_MINUS = "+- is one standard deviation"   # everywhere; a 95 % interval is named, or written a..b
+
+
+def json_number(x: float | None) -> float | None:
+    """Return a number for JSON; None (null) if it is not finite, or None."""
+    return float(x) if x is not None and math.isfinite(x) else None
 
 
 def with_std(value: float | None, std: float | None) -> str:

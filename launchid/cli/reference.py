@@ -5,7 +5,6 @@ of `launchid.cli.main.parser`.
 """
 
 import argparse
-import math
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from sim.effects.words import MEANING
 from sim.files import write_text
 from sim.result import Columns
 
+from ..formatting import json_number
 from ..report.answer import Answer, flat
 
 PAGE_HEAD = """# Commands
@@ -39,10 +39,10 @@ def effects_report() -> dict[str, Any]:
 
 def _parameter_json(parameter: Parameter) -> dict[str, Any]:
     left_out = parameter.default if parameter.neutral is None else parameter.neutral
-    limits = {name: value if math.isfinite(value) else None
+    limits = {name: json_number(value)
               for name, value in (("low", parameter.low), ("high", parameter.high))}
     return {"name": parameter.name, "unit": parameter.unit, "required": parameter.is_required,
-            "default": left_out if left_out is None or math.isfinite(left_out) else None, **limits,
+            "default": json_number(left_out), **limits,
             "expected": parameter.expected}
 
 

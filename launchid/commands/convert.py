@@ -76,7 +76,8 @@ class Converted(Answer):
         return self.log.table()
 
     def _figure(self) -> Figure:
-        return self.log._figure()
+        from ..report.log_figures import logs_figure, looked_at
+        return logs_figure([looked_at(self.log)])
 
     def write(self, path: str | Path) -> None:
         """Write the log as CSV to `path`."""

@@ -183,9 +183,9 @@ class Diagnosed(Answer):
         return flat(rows) or {name: [] for name in ("cause", "where", "parameter", "value", "std", "unit")}
 
     def _figure(self) -> Figure:
-        from ..report.diagnosis_figures import REPORT_FIGURES, drawable
-        for name in drawable(self.diagnosis):
-            if figure := REPORT_FIGURES[name](self.diagnosis):
+        from ..report.diagnosis_page import pictures_of
+        for each in pictures_of(self.diagnosis).values():
+            if figure := each.draw():
                 return figure
         return super()._figure()
 

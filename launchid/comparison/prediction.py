@@ -26,14 +26,14 @@ from sim.nominal import Nominal
 from ..controller.command import record
 from ..controller.issued import with_commands
 from ..diagnosis.adapter import follow
-from ..diagnosis.data.record import CHANNELS, Record
-from ..diagnosis.data.used import shortened, sparser, used
 from ..diagnosis.model import Model
 from ..diagnosis.track import track_of
+from ..diagnosis.used import shortened, sparser, used
 from ..likelihood.estimate import gauss_newton
 from ..likelihood.likelihood import LEVELS, Run, predict, run
 from ..log.detect import DataCheck
 from ..log.log import Log
+from ..log.record import CHANNELS, Record
 
 HORIZONS = (0.1, 0.5, 1.0)   # s
 SPACING = 0.1    # s from one start to the next

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..diagnosis.data.record import Z_THETA, Z_THETA_DOT, Record
+from ..log.record import Z_THETA, Z_THETA_DOT, Record
 from .command import recomputed_at
 from .replay import KD, KI, KP, Explanation, Replay, constants_of, lowest, replayed, rms
 from .ticks import Ticks, command_noise, over_grid

@@ -14,9 +14,9 @@ from sim.errors import InputError
 from sim.flight import excitation
 from sim.nominal import Nominal
 
-from ..diagnosis.data.record import Z_BETA, Z_THETA, Record, no_servo, on_grid
 from ..log.detect import DataCheck
 from ..log.log import Log
+from ..log.record import Z_BETA, Z_THETA, Record, no_servo, on_grid
 from .replay import LAW_PERIOD, constants_of, issued
 from .ticks import SLOWER, Ticks, between, carried, command_noise, falls_between, issued_at, lined, over_grid, ticks_of
 

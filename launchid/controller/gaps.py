@@ -22,7 +22,7 @@ import numpy as np
 
 from sim.flight import excitation, packed
 
-from ..diagnosis.data.record import Z_THETA, Z_THETA_DOT, Record
+from ..log.record import Z_THETA, Z_THETA_DOT, Record
 from ..sums import combined, least_squares, products
 from .check import COMMAND_ROUNDING, NO_MISMATCH, UNKNOWN_LAW, ControllerCheck
 from .command import in_doubt

@@ -14,7 +14,7 @@ import numpy as np
 
 from sim.effects import CATALOGUE
 
-from ..diagnosis.data.record import Z_BETA, Record
+from ..log.record import Z_BETA, Record
 from .check import NO_MISMATCH, UNKNOWN_LAW, ControllerCheck, check_controller
 from .command import unsure
 from .gaps import INTEGRAL, MISMATCH_NATS, Gaps, Seen, check_gaps, filled, follows, on_board

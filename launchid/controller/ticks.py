@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..diagnosis.data.record import Z_THETA, Record
+from ..log.record import Z_THETA, Record
 from ..sums import combined, least_squares
 from .replay import KD, KP, LAW_PERIOD, LAW_TIME_CONSTANT, NEAR_LIMIT, constants_of
 

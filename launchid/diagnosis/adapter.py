@@ -16,11 +16,11 @@ from ..likelihood import likelihood
 from ..log.check import examined
 from ..log.detect import DataCheck
 from ..log.log import Log
+from ..log.record import Z_THETA, Z_THETA_DOT, Record
 from ..sums import combined, least_squares
-from .data.record import Z_THETA, Z_THETA_DOT, Record
-from .data.used import Used, shortened, sparser, used
 from .model import Model
 from .track import Track, track_of
+from .used import Used, shortened, sparser, used
 
 MASKED = ("stamps", "range", "stale", "dropout", "spike")   # faults of rows; others are of whole columns
 FEWEST_ROWS = 40       # without which nothing is fitted: twice as many as there are unknown numbers

@@ -9,6 +9,7 @@ from sim.effects.table import CENTRE
 from sim.nominal import Nominal
 from sim.sections import MOST_MODES, Actuator, Bending, Slosh, constant
 
+from ..formatting import json_number
 from .elimination import MIN_SQUARES_SAVED, Z
 from .gain import Gain
 from .verdict import Named, Result
@@ -27,11 +28,6 @@ DECIDES = {
     frozenset({"actuator_bias", "nozzle_sensor_bias"}): "a longer log",
     frozenset({"control_slope", "control_effectiveness"}): "a longer log",
     frozenset({"lateral_drift", "aero_instability"}): "the flight-path angle of the navigation (column gamma)"}
-
-
-def number(x: Any) -> Any:
-    """Return a JSON number: None if not finite; texts and None unchanged."""
-    return x if isinstance(x, str) or x is None else float(x) if math.isfinite(x) else None
 
 
 def would_decide(named: Named) -> list[str]:
@@ -108,15 +104,15 @@ def report(result: Result) -> dict[str, Any]:
         "verdict": result.verdict, "where": result.where,
         "causes": [_cause(each, result) for each in result.named],
         "noise": {} if m is None else {
-            name: {"factor": number(math.exp(m.levels[k] - m.noise.declared[k])),
+            name: {"factor": json_number(math.exp(m.levels[k] - m.noise.declared[k])),
                    "significant": bool(abs(m.levels[k] - m.noise.declared[k]) > math.log(SIGNIFICANT))}
             for name, k in CHANNEL_LEVELS if k in m.noise.moves},
         "limits": _limits(result),
-        "remainder": {"share": number(result.share), "where": result.remaining_where or result.where,
+        "remainder": {"share": json_number(result.share), "where": result.remaining_where or result.where,
                       "words": result.remaining[0]} if result.verdict == "dominant" and result.remaining else None,
         "remaining": list(result.remaining), "gain": _gain(result.gain),
         "doubts": list(result.doubts), "notes": list(result.notes),
-        "nearest": [{"resembles": each.cause, "nats": number(each.nats)} for each in result.nearest],
+        "nearest": [{"resembles": each.cause, "nats": json_number(each.nats)} for each in result.nearest],
         "either": [[each.cause, *each.alike] for each in result.named if each.alike],
         "within_tolerance": [], "cut_short": result.is_cut_short, "effort_spent": False,
         "false_alarms": result.false_alarms,
@@ -127,7 +123,7 @@ def report(result: Result) -> dict[str, Any]:
             "mismatch": r.controller.kind, "rms_before": r.controller.before, "rms_after": r.controller.after,
             "time_constant": r.controller.time_constant},
         "deviation": None if result.elimination is None or m is None else {
-            name: number(result.elimination.final.p[m.table.index(name)] - 1.0)
+            name: json_number(result.elimination.final.p[m.table.index(name)] - 1.0)
             for name in ("a6", "k1") if name in m.table},
     }
 
@@ -145,30 +141,30 @@ def _limits(result: Result) -> dict[str, Any]:
         if "#" not in of.name and of.cause not in found and neutral.get(of.parameter, math.nan) == of.null:
             found[of.cause] = {
                 "parameter": of.parameter, "unit": unit_of(of.cause, of.parameter),
-                "size": number(max(Z, math.sqrt(MIN_SQUARES_SAVED)) * std + of.tol), "neutral": of.null, "at": {}}
+                "size": json_number(max(Z, math.sqrt(MIN_SQUARES_SAVED)) * std + of.tol), "neutral": of.null, "at": {}}
     return found
 
 
 def _cause(each: Named, result: Result) -> dict[str, Any]:
     shift = result.model.log.track.record.shift if result.model is not None else 0.0
     return {"cause": each.cause, "where": each.where,
-            "parameters": {key: {"value": number(value + shift if key == "time" else value), "std": number(std),
-                                 "unit": "term" if isinstance(value, str) else unit_of(each.cause, key)}
-                           for key, (value, std) in each.parameters.items()},
+            "parameters": {key: {"value": value, "std": None, "unit": "term"} if isinstance(value, str) else {
+                "value": json_number(value + shift if key == "time" else value), "std": json_number(std),
+                "unit": unit_of(each.cause, key)} for key, (value, std) in each.parameters.items()},
             "indistinguishable_from": list(each.alike), "would_decide": would_decide(each),
-            "evidence": {"nats": number(each.nats), "held_out": number(each.share)},
-            "removed": number(each.share), "steps": []}
+            "evidence": {"nats": json_number(each.nats), "held_out": json_number(each.share)},
+            "removed": json_number(each.share), "steps": []}
 
 
 def _gain(gain: Gain | None) -> dict[str, Any] | None:
     if gain is None:
         return None
-    table = {f"{h:g}": {name: {"before": number(b), "after": number(a)} for name, (b, a) in gain.nrmse(h).items()}
-             for h in gain.squares}
+    table = {f"{h:g}": {name: {"before": json_number(before), "after": json_number(after)}
+                        for name, (before, after) in gain.nrmse(h).items()} for h in gain.squares}
     last = table[f"{gain.longest:g}"]
     first = last.get("theta", last.get("theta_dot", {"before": None, "after": None}))
     return {"horizon": gain.longest, "held_out": True, "channels": last, "before": first["before"],
-            "after": first["after"], "horizons": table, "nats": number(gain.nats), "source": gain.source,
+            "after": first["after"], "horizons": table, "nats": json_number(gain.nats), "source": gain.source,
             "closed_loop": None}
 
 

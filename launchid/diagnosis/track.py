@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.nominal import Nominal
 
-from .data.record import Record
+from ..log.record import Record
 
 FILTER_STEP = 0.0067    # s of the filter between two rows: a tenth of a servo's time
 MOST_COMMANDS = 8       # in a row, each with a step of its own; of more, means

@@ -3,7 +3,6 @@
 import collections
 import dataclasses
 import itertools
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,7 +15,7 @@ from sim.nominal import Nominal
 from sim.sections import SERVO, Offsets
 
 from .. import progress
-from ..formatting import mode_lines, servo_lines, slow_hint, with_std
+from ..formatting import json_number, mode_lines, servo_lines, slow_hint, with_std
 from ..judge.lack import AT_REST, LIBRARY, Lack
 from ..judge.nominal import FITS, NominalTest, lines, tested
 from ..judge.refusal import disbelieved, withdrawn
@@ -96,7 +95,7 @@ def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional
     return Identified(seen, config, estimator, estimates, judged, is_weak, told)
 
 
-__all__ = ["MODELLED", "chosen_formulation", "identified", "log_config", "number", "onboard_model", "report",
+__all__ = ["MODELLED", "chosen_formulation", "identified", "log_config", "onboard_model", "report",
            "report_of", "run", "servo_note", "structure_lines", "table", "tracked_json", "whole_log", "window_json"]
 
 OFFSET_FIELDS = tuple(field.name for field in dataclasses.fields(Offsets))
@@ -216,20 +215,15 @@ def whole_log(rows: int, period: float, t_first: float, t_last: float) -> dict[s
     return {"window": span + period, "sample_period": period}
 
 
-def number(x: float) -> float | None:
-    """Return a number for JSON: None (null) if it is not finite."""
-    return float(x) if math.isfinite(x) else None
-
-
 def window_json(estimate: Estimate) -> dict[str, Any]:
     """Return the estimate of one window as an entry of `windows` in the identify JSON."""
     names = ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr", "a6_dot", "k1_dot", "a6_bound", "k1_bound", "condition")
     active = [(term, estimate.xi[j, 1]) for j, term in enumerate(estimate.terms) if estimate.support[j, 1]]
     return {"t_start": estimate.t_start, "t_end": estimate.t_end, "valid": bool(estimate.valid),
-            "status": estimate.status.name, **{name: number(getattr(estimate, name)) for name in names},
-            "terms": {term: number(value) for term, value in active},
-            "terms_std": {term: number(std) for term, std in estimate.terms_std.items()},
-            "absent": {term: number(limit) for term, limit in estimate.absent.items()}, **air_json(estimate),
+            "status": estimate.status.name, **{name: json_number(getattr(estimate, name)) for name in names},
+            "terms": {term: json_number(value) for term, value in active},
+            "terms_std": {term: json_number(std) for term, std in estimate.terms_std.items()},
+            "absent": {term: json_number(limit) for term, limit in estimate.absent.items()}, **air_json(estimate),
             **actuator_json(estimate), "modes": modes_json(estimate)}
 
 
@@ -238,15 +232,15 @@ def modes_json(estimate: Estimate) -> dict[str, dict[str, float | None]]:
     said = {}
     for mode in estimate.modes:
         size = "coupling" if mode.name.startswith("slosh") else "gain"
-        said[mode.name] = {"frequency": number(mode.frequency), "frequency_std": number(mode.frequency_std),
-                           size: number(mode.size), f"{size}_std": number(mode.size_std)}
+        said[mode.name] = {"frequency": json_number(mode.frequency), "frequency_std": json_number(mode.frequency_std),
+                           size: json_number(mode.size), f"{size}_std": json_number(mode.size_std)}
     return said
 
 
 def air_json(estimate: Estimate) -> dict[str, Any]:
     """Return wind angle [rad] and sensor offsets at the end of a window, with their deviations, for JSON."""
-    return {"wind": number(estimate.wind), "wind_std": number(estimate.wind_std),
-            "offsets": {name: {"value": number(offset.value), "std": number(offset.std)}
+    return {"wind": json_number(estimate.wind), "wind_std": json_number(estimate.wind_std),
+            "offsets": {name: {"value": json_number(offset.value), "std": json_number(offset.std)}
                         for name, offset in estimate.offsets.items()}}
 
 
@@ -254,7 +248,7 @@ def actuator_json(estimate: Estimate) -> dict[str, Any]:
     """Return the servo's parameters at the end of a window, from all data so far, for JSON; {} if not estimated."""
     if estimate.actuator is None:
         return {}
-    return {"actuator": {name: {"value": number(each.value), "std": number(each.std)}
+    return {"actuator": {name: {"value": json_number(each.value), "std": json_number(each.std)}
                          for name, each in estimate.actuator.items()}}
 
 
@@ -262,7 +256,7 @@ def tracked_json(estimate: Estimate) -> dict[str, Any]:
     """Return the tracked estimate at the end of a window, which must have one, for JSON."""
     tracked = estimate.tracked
     assert tracked is not None
-    return {"valid": tracked.valid, **{name: number(getattr(tracked, name))
+    return {"valid": tracked.valid, **{name: json_number(getattr(tracked, name))
                                        for name in ("a6", "k1", "a6_std", "k1_std", "a6_k1_corr")},
             **air_json(estimate)}
 
@@ -380,8 +374,8 @@ def next_step(windows: list[dict[str, Any]], model: Model, found: str = "") -> s
 
 def lack_json(lack: Lack) -> dict[str, Any]:
     """Return a `Lack`, something that an answer misses, as an entry of `lacks` in the identify JSON."""
-    return {"what": lack.what, "before": number(lack.before), "after": number(lack.after),
-            "size": None if lack.size is None else number(lack.size)}
+    return {"what": lack.what, "before": json_number(lack.before), "after": json_number(lack.after),
+            "size": None if lack.size is None else json_number(lack.size)}
 
 
 def lack_words(lack: Lack, library: str) -> str:

@@ -123,8 +123,8 @@ class Log(Result):
         return f"{self.path if of is None else of}: {rows}; measured: {shares or 'nothing'}"
 
     def _figure(self) -> "Figure":
-        from ..report.log_figures import logs_figure, looked_at
-        return logs_figure([looked_at(self)])
+        from .figure import columns_figure
+        return columns_figure([self])
 
     @property
     def flight_path(self) -> np.ndarray:

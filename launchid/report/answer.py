@@ -23,7 +23,12 @@ class Answer(Result):
 
     def to_json(self) -> str:
         """Return `report` as JSON text, as the command writes it."""
-        return json.dumps(self.report, indent=1)
+        return json_text(self.report)
+
+
+def json_text(report: Any) -> str:
+    """Return a JSON value as the commands write it."""
+    return json.dumps(report, indent=1)
 
 
 def flat(rows: Sequence[dict[str, Any]], prefix: str = "") -> Columns:

@@ -14,6 +14,7 @@ from sim.result import Columns
 from ..comparison.flown import FLOWN_CHANNELS, Dispersed
 from ..comparison.frequency_response import COHERENT, Response
 from ..comparison.prediction import HORIZONS, NO_STATISTICS, Predictions, Statistics, statistics
+from ..formatting import json_number
 from ..log.detect import DataCheck
 from ..log.log import Log
 from .answer import Answer, flat
@@ -179,15 +180,17 @@ def _channel(name: str, measured: np.ndarray, each: Beside) -> dict[str, Any]:
     for horizon, found in each.predictions.get(name, {}).items():
         spread = float(np.nanstd(found.measured)) if np.isfinite(found.measured).any() else 0.0
         noise = 100.0 * (1.0 - found.noise / spread) if spread > 0.0 else math.nan
-        ahead[f"{horizon:g}"] = {**_said(statistics(found.measured, found.predicted)), "noise_fit": _json(noise)}
+        ahead[f"{horizon:g}"] = {**_said(statistics(found.measured, found.predicted)), "noise_fit": json_number(noise)}
     place = None if each.dispersed is None else each.dispersed.places.get(name)
     return {"ahead": ahead,
             "flown": None if each.flown is None else _said(statistics(measured, each.flown[name])),
-            "percentile": None if place is None else {"share_outside_90": _json(place.outside), "peak": place.peak}}
+            "percentile": None if place is None else {
+                "share_outside_90": json_number(place.outside), "peak": place.peak}}
 
 
 def _said(found: Statistics) -> dict[str, float | None]:
-    return {key: _json(x) for key, x in (NO_STATISTICS if not math.isfinite(found.rms) else found)._asdict().items()}
+    known = found if math.isfinite(found.rms) else NO_STATISTICS
+    return {key: json_number(x) for key, x in known._asdict().items()}
 
 
 def _response(of: Response) -> dict[str, Any]:
@@ -211,9 +214,5 @@ def decibels_and_degrees(of: Response) -> tuple[np.ndarray, np.ndarray, np.ndarr
             np.where(lost, np.nan, DECIBEL * np.log(np.abs(believed))), np.where(lost, np.nan, phase))
 
 
-def _json(x: float) -> float | None:
-    return float(x) if math.isfinite(x) else None
-
-
 def _list(x: np.ndarray) -> list[float | None]:
-    return [_json(value) for value in x.tolist()]
+    return [json_number(value) for value in x.tolist()]

@@ -2,12 +2,16 @@
 
 import functools
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..comparison.flown import FLOWN_CHANNELS
 from ..comparison.prediction import HORIZONS
 from .comparison import BIASED, RESPONSE_UNITS, Comparison
 from .folder import Picture, write_report
 from .page import table, text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CAPTIONS = {  # file: heading, and how to read it
     "comparison.png": ("Measured and simulated",
@@ -37,15 +41,19 @@ GLOSSARY = (
 
 def pictures_of(made: Comparison) -> dict[str, Picture]:
     """Return file name -> picture (heading, caption, drawing function) of the comparison's figures."""
-    from .comparison_figures import COMPARISON_FIGURES
-    return {name: Picture(*CAPTIONS[name], functools.partial(draw, made)) for name, draw in COMPARISON_FIGURES.items()}
+    def draw(name: str) -> "Figure | None":
+        from .comparison_figures import COMPARISON_FIGURES
+        return COMPARISON_FIGURES[name](made)
+
+    return {name: Picture(*words, functools.partial(draw, name)) for name, words in CAPTIONS.items()}
 
 
 def write_comparison(made: Comparison, folder: str | Path) -> None:
     """Write report.html, compare.json and the figures into a folder, which is made if there is none."""
     names = ", ".join(each.label for each in made.nominals)
     write_report(folder, f"Measured beside {names}", f"launchid compare: {Path(made.log.path).name}",
-                 summary_table(made), pictures_of(made), ("compare.json", made.to_json()), GLOSSARY)
+                 summary_table(made), [("Figures", [pictures_of(made)])], ("compare.json", made.to_json()),
+                 glossary=GLOSSARY)
 
 
 def summary_table(made: Comparison) -> str:

@@ -5,14 +5,12 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.canvas import panels, save
+from sim.canvas import panels
 
 from ..diagnosis.gain import CHANNELS, GAIN_HORIZON, SPACING, predictions
 from ..diagnosis.verdict import Result
 from ..likelihood.estimate import Fit, refreshed
 from .log_figures import logs_figure, looked_at
-
-__all__ = ["REPORT_FIGURES", "drawable", "save"]
 
 CHANNEL_UNITS = {"theta": "rad", "theta_dot": "rad/s", "beta": "rad"}
 INNOVATION_BAND = 3.0  # standard deviations of an innovation: 99.7 % stay within
@@ -102,11 +100,6 @@ def worth(result: Result) -> Figure | None:
     axis.set_xlabel("saved on blocks left out [nats], with one standard error")
     axis.grid(True, axis="x", color="0.85", linewidth=0.6)
     return figure
-
-
-def drawable(result: Result) -> tuple[str, ...]:
-    """Return the file names of the figures that this diagnosis may have."""
-    return ("faults.png",) if result.model is None else tuple(REPORT_FIGURES)
 
 
 REPORT_FIGURES: dict[str, Callable[[Result], Figure | None]] = {

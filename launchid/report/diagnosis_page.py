@@ -1,22 +1,24 @@
 """Write the report of a diagnosis: an HTML page that needs no network, JSON, the extended nominal, the figures."""
 
-import json
+import functools
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sim.errors import InputError
-from sim.files import make_folder, remove, write_text
 from sim.nominal import rewrite_nominal
 
 from ..diagnosis.answer import extension, headline, sizes, would_decide
 from ..diagnosis.verdict import Result
+from .answer import json_text
 from .comparison import Comparison
-from .comparison_page import CAPTIONS, pictures_of, summary_table
-from .folder import NO_FIGURES
-from .folder import drawn as pictures_drawn
+from .comparison_page import CAPTIONS, summary_table
+from .comparison_page import pictures_of as comparison_pictures
+from .folder import Picture
+from .folder import write_report as folder_report
 from .headline import shown_path
-from .page import list_of, picture, table, text
-from .page import page as made_page
+from .page import list_of, table, text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLOURS = {"consistent": "#1b5e20", "explained": "#12355b", "dominant": "#3b3170", "unexplained": "#8a4b00",
            "bad-data": "#7f1d1d"}
@@ -31,7 +33,6 @@ PICTURES = {
                         "3 standard deviations, which 0.3 % leave if the model is right."),
     "worth.png": ("What each cause is worth",
                   "What it saves on blocks left out when it comes last, in nats: 3 nats are odds of 20 to 1.")}
-Drawn = list[tuple[str, bytes, dict[str, Any] | None]]
 
 
 def write_report(result: Result, answer: dict[str, Any], folder: str | Path, beside: Comparison | None = None) -> None:
@@ -40,60 +41,41 @@ def write_report(result: Result, answer: dict[str, Any], folder: str | Path, bes
     `beside`: the log compared with the nominal and its extension; None: they cannot be compared.  Files of an earlier
     report that this one lacks are removed.  InputError in one line if it cannot be written.
     """
-    path = make_folder(folder)
-    try:
-        for name in (*EXTENSION, *PICTURES, *CAPTIONS):
-            remove(path / name)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}); expected a folder to write into") from None
-    drawn = _draw(result, path)
-    compared = "" if beside is None else summary_table(beside) + pictures_drawn(pictures_of(beside), path)
-    extended = extension(result)
-    if extended is not None:
-        rewrite_nominal(extended, path / "extension.toml")
-    write_text(path / "verdict.json", [json.dumps(answer, indent=1), "\n"])
-    write_text(path / "report.html", [page(result, answer, drawn, compared)])
-
-
-def _draw(result: Result, folder: Path) -> Drawn | None:
-    """Write the figures; return (name, PNG, figure as JSON) of each, None without matplotlib."""
-    try:
-        from .curves import figure_json
-        from .diagnosis_figures import REPORT_FIGURES, drawable, save
-    except ModuleNotFoundError as error:
-        if not (error.name or "").startswith("matplotlib"):
-            raise
-        return None
-    drawn = []
-    for name in drawable(result):
-        if (figure := REPORT_FIGURES[name](result)) is not None:
-            save(figure, folder / name)
-            drawn.append((name, (folder / name).read_bytes(), figure_json(figure)))
-    return drawn
-
-
-def page(result: Result, answer: dict[str, Any], drawn: Drawn | None, compared: str = "") -> str:
-    """Return the report's HTML page; drawn: its figures (None without matplotlib), compared: HTML of the comparison."""
-    pictures = f"<p>{text(NO_FIGURES)}</p>" if drawn is None else "".join(
-        picture(name.partition(".")[0], *PICTURES[name], png, live) for name, png, live in drawn)
     said = (*result.doubts, *result.remaining, *result.notes)
     measured, simulated = Path(result.reading.log.path).name, result.nominal.name
     again = f"launchid diagnose {result.reading.log.path} {shown_path(result.nominal.path or simulated)} --report DIR" \
         + result.reading.raw.options
-    return made_page(
-        headline(result), f"launchid diagnose: measured {measured} against the simulation of {simulated}",
-        COLOURS[result.verdict], _first(result, answer), (
-            ("Causes", _causes(result)), ("Held-out gain", _gain(answer["gain"])), ("Figures", pictures),
-            ("Measured beside simulated", compared),
-            ("Against the model", list_of([text(each) for each in said]) if said else ""),
-            ("What could have been seen", table(("cause", "size that this log would have shown"), [
+    folder_report(
+        folder, headline(result), f"launchid diagnose: measured {measured} against the simulation of {simulated}",
+        _first(result, answer), (
+            ("Causes", [_causes(result)]), ("Held-out gain", [_gain(answer["gain"])]),
+            ("Figures", [pictures_of(result)]),
+            ("Measured beside simulated", [] if beside is None else [
+                summary_table(beside), comparison_pictures(beside)]),
+            ("Against the model", [list_of([text(each) for each in said])] if said else []),
+            ("What could have been seen", [table(("cause", "size that this log would have shown"), [
                 (text(name), f"{each['parameter']} {each['size']:.3g} {text(each['unit'])}")
-                for name, each in answer["limits"].items() if each["size"] is not None])),
-            ("Noise", table(("noise of", "measured over declared"), [
+                for name, each in answer["limits"].items() if each["size"] is not None])]),
+            ("Noise", [table(("noise of", "measured over declared"), [
                 (text(name), f"{level['factor']:.3g}" + (" (differs)" if level["significant"] else ""))
-                for name, level in answer["noise"].items()])),
-            ("Data check", _data(result)), ("Controller check", _controller(result)),
-            ("To reproduce", f"<pre>{text(again)}</pre>")))
+                for name, level in answer["noise"].items()])]),
+            ("Data check", [_data(result)]), ("Controller check", [_controller(result)]),
+            ("To reproduce", [f"<pre>{text(again)}</pre>"])),
+        ("verdict.json", json_text(answer)), colour=COLOURS[result.verdict],
+        stale=(*EXTENSION, *PICTURES, *CAPTIONS))
+    extended = extension(result)
+    if extended is not None:
+        rewrite_nominal(extended, Path(folder) / "extension.toml")
+
+
+def pictures_of(result: Result) -> dict[str, Picture]:
+    """Return file name -> picture of the figures that this diagnosis may have."""
+    def draw(name: str) -> "Figure | None":
+        from .diagnosis_figures import REPORT_FIGURES
+        return REPORT_FIGURES[name](result)
+
+    names = ("faults.png",) if result.model is None else tuple(PICTURES)
+    return {name: Picture(*PICTURES[name], functools.partial(draw, name)) for name in names}
 
 
 def _first(result: Result, answer: dict[str, Any]) -> str:

@@ -63,4 +63,4 @@ def write_joint(found: "JointAnswer", folder: str | Path) -> None:
                                        "Points: flights, with 95 % intervals; band: the joint answer's.",
                                        found._figure)}
     write_report(folder, f"{len(found.flights)} flights", "launchid identify: several flights of one vehicle", first,
-                 pictures, ("flights.json", found.to_json()), WORDS)
+                 [("Figures", [pictures])], ("flights.json", found.to_json()), glossary=WORDS)

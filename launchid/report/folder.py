@@ -26,8 +26,12 @@ class Picture(NamedTuple):
     draw: "Callable[[], Figure | None]"
 
 
-def write_report(folder: str | Path, headline: str, above: str, first: str, pictures: Mapping[str, Picture],
-                 json: tuple[str, str], glossary: Words, colour: str = COLOUR) -> None:
+Section = tuple[str, Sequence[str | Mapping[str, Picture]]]   # title, and its parts: HTML, or file name -> picture
+
+
+def write_report(folder: str | Path, headline: str, above: str, first: str, sections: Sequence[Section],
+                 json: tuple[str, str], *, glossary: Words = (), colour: str = COLOUR,
+                 stale: Sequence[str] = ()) -> None:
     """Write a report into a folder, made if there is none; pictures of an earlier report that it lacks are removed.
 
     Parameters
@@ -35,21 +39,29 @@ def write_report(folder: str | Path, headline: str, above: str, first: str, pict
     folder : where to
     headline, above : the title of the page, and the line above it
     first : the first screen, as HTML
-    pictures : name of the file -> picture
+    sections : of the page; one without HTML and without a figure is left out
     json : name of the file, and its text
-    glossary : words of the page and their meaning
+    glossary : words of the page and their meaning, its last section
     colour : of the band behind the title
+    stale : names of further files that an earlier report may have left, and this one may lack
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written.
     """
     path = make_folder(folder)
     try:
-        for name in pictures:
+        for name in (*stale, *(name for _, parts in sections for part in parts if not isinstance(part, str)
+                               for name in part)):
             remove(path / name)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}); expected a folder to write into") from None
-    figures = drawn(pictures, path)
-    write_text(path / json[0], [json[1], "\n"])
+    bodies = [(title, "".join(part if isinstance(part, str) else drawn(part, path) for part in parts))
+              for title, parts in sections]
     words = table(("word", "meaning"), [(f"<b>{text(word)}</b>", text(meaning)) for word, meaning in glossary])
-    write_text(path / REPORT_FILE, [page(headline, above, colour, first, [("Figures", figures), ("Words", words)])])
+    write_text(path / json[0], [json[1], "\n"])
+    write_text(path / REPORT_FILE, [page(headline, above, colour, first, [*bodies, ("Words", words)])])
 
 
 def drawn(pictures: Mapping[str, Picture], folder: Path) -> str:

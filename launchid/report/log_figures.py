@@ -5,31 +5,24 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.canvas import DPI, panels
+from sim.canvas import DPI
 from sim.errors import InputError
 from sim.files import write_text
 from sim.sections import Nominal
 
 from ..log.check import COLUMN_FAULTS, checked, columns_alone
 from ..log.fault import Fault
+from ..log.figure import columns_figure
 from ..log.log import Log
 from ..log.phases import phase_note
-from ..log.table import OPTIONAL, REQUIRED
 from .curves import figure_json
 from .folder import COLOUR
 from .page import list_of, page, picture, text
-
-COLUMN_UNITS = {"theta_dot": "rad/s", "theta_ddot": "rad/s$^2$", "rate_ref": "rad/s"}  # the others: rad
-LOG_STYLES: tuple[dict[str, Any], ...] = (  # that stay apart in grey
-    {"color": "#12355b", "linestyle": "-"}, {"color": "#c2570c", "linestyle": "--"},
-    {"color": "#2f8f6b", "linestyle": "-."}, {"color": "#000000", "linestyle": ":"})
-MARKED_VALUES = 60  # values of a column that are drawn one by one, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,25 +58,7 @@ def looked_at(log: Log, nominal: Nominal | None = None) -> Looked:
 def logs_figure(logs: Sequence[Looked]) -> Figure:
     """Draw the columns of logs over each other, one panel each; crosses: values that the data check doubts; hatched:
     stretches of columns that it doubts as a whole."""
-    names = [name for name in (*REQUIRED[1:], *OPTIONAL) if any(name in each.log.columns for each in logs)]
-    title = ", ".join(Path(each.log.path).name for each in logs)
-    figure, axes = panels(len(names), title if len(title) < 100 else f"{len(logs)} logs", 1.5)
-    for axis, name in zip(axes, names, strict=True):
-        for k, each in enumerate(logs):
-            log, x = each.log, getattr(each.log, name)
-            known = np.isfinite(log.t) & np.isfinite(x)
-            if not known.any():
-                continue
-            axis.plot(log.t, x, linewidth=1.0, marker="." if known.sum() <= MARKED_VALUES else None, markersize=4,
-                      label=Path(log.path).stem if len(logs) > 1 else "_", **LOG_STYLES[k % len(LOG_STYLES)])
-            _mark(axis, name, each)
-        axis.set_ylabel(f"{name} [{COLUMN_UNITS.get(name, 'rad')}]", fontsize=9)
-        axis.tick_params(labelsize=8)
-    for axis in axes:
-        if axis.get_legend_handles_labels()[1]:
-            axis.legend(fontsize=7, ncol=6, loc="lower left", bbox_to_anchor=(0.0, 0.98), frameon=False)
-    axes[-1].set_xlabel("t [s]")
-    return figure
+    return columns_figure([each.log for each in logs], lambda axis, name, k: _mark(axis, name, logs[k]))
 
 
 def _mark(axis: Any, name: str, each: Looked) -> None:

@@ -27,7 +27,7 @@ from ..experiments.flights import (
     fly_job,
     vehicle_jobs,
 )
-from ..identification.windows import number
+from ..formatting import json_number
 from ..monte_carlo.campaign import run_jobs
 from ..progress import Counter
 
@@ -48,15 +48,15 @@ def score(case: Case, variant: int, results: list[Result]) -> dict[str, Any]:
     clear = ~node
 
     def worst(values: np.ndarray) -> float | None:
-        return number(float(np.max(values))) if len(values) and np.isfinite(values).all() else None
+        return json_number(float(np.max(values))) if len(values) and np.isfinite(values).all() else None
 
     return {
         "windows": len(table), "valid": int(np.sum(table[:, VALID] == 1)), "inside": int(np.sum(inside & clear)),
         "counted": int(np.sum(clear)), "over_node": int(np.sum(node)), "over_node_inside": int(np.sum(inside & node)),
         "over_node_worst": worst(relative[node]), "exact_support": int(np.sum(table[:, EXACT])),
         "worst_a6": worst(relative[clear, 0]), "worst_k1": worst(relative[clear, 1]),
-        "median_a6": number(float(np.nanmedian(relative[clear, 0]))),
-        "median_k1": number(float(np.nanmedian(relative[clear, 1]))),
+        "median_a6": json_number(float(np.nanmedian(relative[clear, 0]))),
+        "median_k1": json_number(float(np.nanmedian(relative[clear, 1]))),
         "lost": sum(result.lost for result in results), "flights": len(results)}
 
 

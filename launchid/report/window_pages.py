@@ -63,11 +63,11 @@ def identify_report(found: "Identification", folder: str | Path) -> None:
         "residuals.png": Picture("What the windows leave",
             "Above: residuals over time, and their correlation, which is inside the band where they are white. Below: "
             "predictions from the windows' numbers, beside the log.", lambda: _residuals(found)),
-        "log.png": Picture("The log", "The columns as they were read.", found.log._figure)}
+        "log.png": Picture("The log", "The columns as they were read.", lambda: _columns(found))}
     nominal = "the log alone" if found.nominal is None else f"nominal {found.nominal.name}"
     write_report(folder, f"a6 and k1 of {Path(found.log.path).name}", f"launchid identify: {found.config.formulation}, "
-                 f"windows of {found.config.window:g} s, {nominal}", first, pictures,
-                 ("identify.json", found.to_json()), IDENTIFY_WORDS)
+                 f"windows of {found.config.window:g} s, {nominal}", first, [("Figures", [pictures])],
+                 ("identify.json", found.to_json()), glossary=IDENTIFY_WORDS)
 
 
 def _coefficients(window: dict[str, Any]) -> list[str]:
@@ -79,6 +79,11 @@ def _residuals(found: "Identification") -> "Figure | None":
         return found.residuals()
     except InputError:  # no window has any
         return None
+
+
+def _columns(found: "Identification") -> "Figure":
+    from .log_figures import logs_figure, looked_at
+    return logs_figure([looked_at(found.log)])
 
 
 def margins_report(found: "FlightMargins", folder: str | Path) -> None:
@@ -108,4 +113,4 @@ def margins_report(found: "FlightMargins", folder: str | Path) -> None:
         "chart and Bode plot, beside the nominal's loop and those of its declared ranges.", found._figure)}
     write_report(folder, f"Stability margins of {Path(found.log.path).name}",
                  f"launchid margins: windows of {found.config.window:g} s, {whose}", first,
-                 pictures, ("margins.json", found.to_json()), MARGIN_WORDS)
+                 [("Figures", [pictures])], ("margins.json", found.to_json()), glossary=MARGIN_WORDS)

@@ -22,12 +22,12 @@ from sim.errors import InputError
 from sim.nominal import Nominal
 from sim.sections import SERVO, Required
 
-from ..formatting import servo_lines
+from ..formatting import json_number, servo_lines
 from ..onboard import onboard_model
 from . import flown as fl
 from .airframe import Airframe, Damping, airframe_of
 from .gains import allowed, telling
-from .margin_spread import MARGIN_NAMES, MARGINS, Known, Spread, json_number, margin_spread
+from .margin_spread import MARGIN_NAMES, MARGINS, Known, Spread, margin_spread
 
 # of what has margins or has none; else the estimator's own status
 OK_MARK, CHANGE_MARK, UNKNOWN_MARK = "OK", "CHANGE", "UNKNOWN"

@@ -10,8 +10,8 @@ from launchid_core import BANDS, Config, Estimate, Level, Model, Uncertainty
 from sim.errors import InputError
 from sim.nominal import Nominal, Profile
 
-from ..formatting import with_std
-from ..identification.windows import number, onboard_model, run
+from ..formatting import json_number, with_std
+from ..identification.windows import onboard_model, run
 from ..judge.nominal import tested
 from ..log.check import CheckedLog
 from ..log.log import Log
@@ -77,9 +77,9 @@ def _unknown(estimate: Estimate) -> Estimate:
 
 def level_json(level: Level) -> dict[str, Any]:
     """Return the level of a6 or k1 as JSON: delta, its std, likeliest band, probability by band, whether in range."""
-    return {"delta": number(level.delta), "delta_std": number(level.delta_std), "band": level.band,
-            "probability": {band: number(p) for band, p in zip(BANDS, level.probability, strict=True)},
-            "in_range": level.in_range, "out_since": number(level.out_since)}
+    return {"delta": json_number(level.delta), "delta_std": json_number(level.delta_std), "band": level.band,
+            "probability": {band: json_number(p) for band, p in zip(BANDS, level.probability, strict=True)},
+            "in_range": level.in_range, "out_since": json_number(level.out_since)}
 
 
 def report(estimates: list[Estimate]) -> dict[str, Any]:

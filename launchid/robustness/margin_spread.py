@@ -280,8 +280,3 @@ def _extremes(judge: Judge, points: np.ndarray,
         better = can & (sign * value > sign * best)
         at, best = np.where(better[:, None], target, at), np.where(better, value, best)
     return best[:ends], best[ends:], at[:ends], at[ends:]
-
-
-def json_number(x: float) -> float | None:
-    """Return x, or None (JSON null) if x is not finite."""
-    return float(x) if math.isfinite(x) else None

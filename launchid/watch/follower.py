@@ -14,13 +14,12 @@ from launchid_core import EDGES, Config, Estimate, EstimateStatus, Estimator, St
 from sim.errors import InputError, Told, UsageError
 from sim.nominal import Nominal
 
-from ..formatting import servo_lines
+from ..formatting import json_number, servo_lines
 from ..identification.windows import (
     REASONS,
     actuator_json,
     change_json,
     log_config,
-    number,
     onboard_model,
     report,
     tracked_json,
@@ -278,12 +277,12 @@ class Follower:
 
 def rounded(x: float) -> float | None:
     """Return a number rounded to SIGNIFICANT_DIGITS, None if it is not finite, for JSON."""
-    return number(float(f"{x:.{SIGNIFICANT_DIGITS}g}"))
+    return json_number(float(f"{x:.{SIGNIFICANT_DIGITS}g}"))
 
 
 def instant(t: float) -> float | None:
     """Return a time stamp [s] rounded to 0.1 ms, None if it is not finite, for JSON."""
-    return number(round(t, 4)) if math.isfinite(t) else None
+    return json_number(round(t, 4)) if math.isfinite(t) else None
 
 
 def _rounded(given: Any, name: str = "") -> Any:

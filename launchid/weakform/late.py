@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..formatting import json_number
 from .rows import Modes, Rows, before, ends_of, in_modes, values_of
 
 SHIFT = 3.0         # standard deviations of a shift of beta that is there
@@ -92,7 +93,7 @@ class Lead:
     @property
     def json(self) -> dict[str, float | None]:
         """The lead as the `delay` of the identify JSON."""
-        return {"value": self.value, "std": self.std if math.isfinite(self.std) else None}
+        return {"value": self.value, "std": json_number(self.std)}
 
     @property
     def is_sure(self) -> bool:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...formatting import json_number
 from .flight import METRICS
 from .folder import Definition, Flights
 from .grammar import Requirement
@@ -64,7 +65,7 @@ def quantile(count: Count, flights: Flights) -> dict[str, Any]:
     values = sorted((_value(outcome, asked.metric) for outcome in flights.outcomes[:count.flights]), reverse=True)
     value = values[rank - 1] if rank > 0 else math.inf
     return {"share": 1.0 - asked.probability, "unit": METRICS[asked.metric],
-            "value": value if math.isfinite(value) else None, "rank_from_largest": rank if rank > 0 else None}
+            "value": json_number(value), "rank_from_largest": rank if rank > 0 else None}
 
 
 def _value(outcome: Any, metric: str) -> float:

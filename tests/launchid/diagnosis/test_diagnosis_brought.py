@@ -11,10 +11,10 @@ from test_diagnosis import log_of
 
 from launchid.controller.command import _is_held
 from launchid.diagnosis.answer import report
-from launchid.diagnosis.data.record import on_grid
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.check import examined
 from launchid.log.detect import check
+from launchid.log.record import on_grid
 from sim.effects import from_text
 from sim.flight import fly_whole
 

@@ -21,7 +21,6 @@ from launchid.diagnosis.answer import extension
 from launchid.diagnosis.answer import report as json_of
 from launchid.diagnosis.verdict import Result, diagnose
 from launchid.log.log import OPTIONAL, REQUIRED, Log
-from launchid.report import diagnosis_page as report_module
 from launchid.report.diagnosis_page import write_report
 from launchid.report.inline import FOLDER
 from sim.effects import effect
@@ -144,9 +143,10 @@ def test_every_figure_is_a_png_in_the_folder_and_in_the_page(folders, verdict):
         assert min(pixels.shape[:2]) > 80 and float(np.std(pixels[..., :3])) > 0.01, f"{name} is empty"
 
 
-def test_the_first_screen_says_verdict_cause_size_and_doubt(folders, diagnoses):
+def test_the_first_screen_says_verdict_cause_size_and_doubt(folders, diagnoses, tmp_path):
     pages = {verdict: read(folder) for verdict, folder in folders.items()}
-    pages["dominant"] = Page(report_module.page(diagnoses["dominant"], json_of(diagnoses["dominant"]), []))
+    write_report(diagnoses["dominant"], json_of(diagnoses["dominant"]), tmp_path / "dominant")
+    pages["dominant"] = read(tmp_path / "dominant")
     words = {verdict: " ".join(page.words.split()) for verdict, page in pages.items()}
     assert all("<flight & test>.csv" in said for said in words.values())
     assert "EXPLAINED (plant): control_loss" in words["explained"] and "fraction 0." in words["explained"]

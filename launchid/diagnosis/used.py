@@ -14,8 +14,8 @@ import numpy as np
 
 from sim.nominal import Nominal
 
-from ...log.detect import DataCheck
-from .record import Record
+from ..log.detect import DataCheck
+from ..log.record import Record
 
 ROWS_FITTED = 8_000    # rows that are fitted: 80 s at 100 Hz
 SWING_TERM = "sin(theta)"  # the term of a body that swings, beside a6

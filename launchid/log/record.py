@@ -20,9 +20,9 @@ from sim.nominal import Nominal
 from sim.sections import Actuator, Controller
 from sim.vehicle.actuator import fastest_pole
 
-from ...log.channels import SENSOR_COLUMNS as CHANNELS
-from ...log.detect import DataCheck
-from ...log.log import Log
+from .channels import SENSOR_COLUMNS as CHANNELS
+from .detect import DataCheck
+from .log import Log
 
 Z_THETA, Z_THETA_DOT, Z_BETA = range(3)
 FAR_FASTER = 10.0        # times: a servo's pole so much faster than rows and its other pole is done before either tells
