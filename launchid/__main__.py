@@ -23,8 +23,8 @@ def command() -> int:
         signal.signal(signal.SIGINT, _leave)
     os.environ.update(dict.fromkeys(THREADS, "1"))  # before numpy reads them: sums that are split differ in a digit
     from .cli.compilation import announce
-    from .cli.main import main
     from .cli.terminal import speak_utf8
+    from .main import main
     announce()
     speak_utf8()
     if ours:

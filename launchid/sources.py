@@ -68,12 +68,12 @@ def read_log(source: LogSource, required: tuple[str, ...] = DRIVEN, *,
               phases; None: the phase in which beta moves the vehicle, if the log has others
     """
     if map is not None:
-        from launchid.commands.convert import convert
+        from launchid.convert.columns import converted
         from launchid.convert.mapping import map_for
         path = str(as_path(source))
         mapping = map_for(path, as_path(map))
         mapping = dataclasses.replace(mapping, cut=mapping.cut.but(from_, to, ("from_", "to")))
-        return warned(convert(path, mapping, required)).log
+        return _noted(*converted(path, mapping, required))
     return cut_log(_read(source, required), from_, to, ("from_", "to"))
 
 
@@ -86,14 +86,14 @@ def _read(source: LogSource, required: tuple[str, ...]) -> Log:
         as_path(source)
         from launchid.convert.readers import map_by_itself, refuse_foreign
         if own := map_by_itself(os.fspath(source)):
-            from launchid.commands.convert import convert
+            from launchid.convert.columns import converted
             from launchid.convert.mapping import map_for
             try:
                 mapping = map_for(os.fspath(source), own, was_asked=False)
             except InputError:
                 refuse_foreign(os.fspath(source))
                 raise
-            return warned(convert(os.fspath(source), mapping, required)).log
+            return _noted(*converted(os.fspath(source), mapping, required))
         refuse_foreign(os.fspath(source))
         return read_file(os.fspath(source), required)
     if isinstance(source, WithLog) and isinstance(source.log, Log):
@@ -133,6 +133,13 @@ def load_nominal(source: NominalSource) -> Nominal:
     if warning := nominals.wrong_feedback(nominal):
         warnings.warn(warning, DataWarning, stacklevel=3)
     return nominal
+
+
+def _noted(log: Log, notes: Sequence[str]) -> Log:
+    """Return a log that was converted, after issuing each of the notes on it as a DataWarning."""
+    for line in notes:
+        warnings.warn(line, DataWarning, stacklevel=3)
+    return log
 
 
 def warned(answer: Made) -> Made:

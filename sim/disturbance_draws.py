@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 from .effects import Changes, Effect, effect
+from .kernels import kernel
 from .sections import Offsets, Wind
-from .vehicle.kernels import kernel
 
 _DISTURBANCE_STREAMS = {"offsets": 100, "walk": 101, "turbulence": 102}  # beyond those of the noises
 NO_CHANGES = Changes()

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from launchid.cli.main import main
 from launchid.cli.terminal import Progress
 from launchid.log.log import MEASURED_LOGS
+from launchid.main import main
 from launchid_core.cache import kept_apart
 
 _quiet = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.vehicle.kernels import kernel
+from sim.kernels import kernel
 
 from .step import FIRST_ORDER, N_STATES, add_noise, combine, fill, multiply, transition
 from .world import ATTITUDE_BIAS_STATE, PATH_STATE, World, calm, contiguous

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from sim.kernels import kernel
 from sim.vehicle import actuator
-from sim.vehicle.kernels import kernel
 
 from .world import MISALIGNMENT_STATE, MOMENT_STATE, PATH_STATE, TURBULENCE_STATE, WALK_STATE
 

@@ -74,7 +74,7 @@ def read_noting(path: str, *required: str, map_path: str | None = None, from_: s
     from ..convert.readers import map_by_itself, refuse_foreign
     asked, own = map_path, None if map_path else map_by_itself(path)
     if map_path or own:
-        from ..commands.convert import convert
+        from ..convert.columns import converted
         from ..convert.mapping import map_for
         try:
             mapping = map_for(path, map_path or own or "", bool(map_path))
@@ -83,9 +83,10 @@ def read_noting(path: str, *required: str, map_path: str | None = None, from_: s
                 refuse_foreign(path)   # which says what to do
             raise
         mapping = replace(mapping, cut=mapping.cut.but(from_, to))
-        converted = convert(path, mapping, required or DRIVEN)
-        warn(converted)
-        return replace(converted.log, options=_options(asked, from_, to))
+        log, notes = converted(path, mapping, required or DRIVEN)
+        for note in notes:
+            say(note)
+        return replace(log, options=_options(asked, from_, to))
     refuse_foreign(path)
     log = read_log(path, required or DRIVEN)
     if log.ignored:

@@ -1,7 +1,7 @@
 """Reference of the catalogue of effects (`launchid effects`), and of every command with its options (docs/commands.md).
 
 `docs/commands.md` is `commands_page` of the parser; after a change of words: `write_page(parser(), "docs/commands.md")`
-of `launchid.cli.main.parser`.
+of `launchid.main.parser`.
 """
 
 import argparse

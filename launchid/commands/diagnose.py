@@ -210,14 +210,27 @@ class Diagnosed(Answer):
             return None
 
 
+def _told_by_identification(logs: Sequence[Log], nominal: Nominal) -> dict[str, Any]:
+    """Return the joint part of the JSON of several flights, by identifying each; without numbers where that cannot be
+    asked."""
+    from sim.errors import InputError, UsageError
+
+    from ..report.flights import joint_report
+    from .identify import identify
+    try:
+        found = identify(logs, nominal)
+    except (InputError, UsageError):
+        return joint_report([], None, None)
+    return {name: found.report.get(name) for name in ("joint", "one_vehicle", "scatter")}
+
+
 class Diagnoses(Answer):
     """Diagnoses of several flights of one vehicle with one nominal: that of each, and whether it is one vehicle."""
 
     def __init__(self, flights: Sequence[Diagnosed], nominal: Nominal) -> None:
-        from ..report.flights import told_by_identification
         self.flights = list(flights)
         logs = [each.diagnosis.reading.raw for each in flights]
-        joint = told_by_identification(logs, nominal)
+        joint = _told_by_identification(logs, nominal)
         self.report = {**joint, **self._words(), "flights": [{"log": log.path, **each.report}
                                                              for log, each in zip(logs, flights, strict=True)]}
         self.warnings = tuple(dict.fromkeys(line for each in flights for line in each.warnings))

@@ -14,7 +14,9 @@ from sim.errors import InputError
 
 from ..cli.compilation import OFTEN, compile_formulation, cores, end_with_parent
 from ..cli.options import add_command
+from ..cli.run import run as run_command
 from ..cli.terminal import answer, say
+from . import campaign, diagnose, margins, nominal, plan, simulate, uncertainty
 
 WARM_ROWS = 1200  # of the log on which the commands run: 12 s
 UNKEPT = 9   # exit status of a part whose kernels cannot be kept
@@ -24,6 +26,8 @@ PARTS = (    # the longest first; each loads what another has compiled
     "simulate vega_like --effect gust:angle=0.01,time=2,duration=1 --out OUT", "margins LOG vega_like",
     "campaign vega_like --flights 2 --workers 1 --out OUT",
     "simulate vega_like --effect missing_term:term=theta^2,coefficient=1 --out OUT")
+
+COMPILED = (campaign, diagnose, margins, nominal, plan, simulate, uncertainty)   # the commands of PARTS
 
 
 def add(commands: Any) -> None:
@@ -94,9 +98,8 @@ def compile_part(part: str, folder: str, compiled: Any) -> None:
             for solver in SOLVERS if formulation != "filtered" else ():
                 compile_formulation(formulation, solver=solver)
         os._exit(0)
-    from ..cli.main import main
     own = Path(tempfile.mkdtemp(dir=folder))
     log, out = own / "log.csv", own / "out"
-    main(["simulate", "vega_like", "--out", str(log)])
+    run_command(COMPILED, ["simulate", "vega_like", "--out", str(log)])
     log.write_text("".join(log.read_text().splitlines(keepends=True)[:WARM_ROWS]))
-    os._exit(main([{"LOG": str(log), "OUT": str(out)}.get(word, word) for word in part.split()]))
+    os._exit(run_command(COMPILED, [{"LOG": str(log), "OUT": str(out)}.get(word, word) for word in part.split()]))

@@ -55,6 +55,9 @@ MEASURED_SHARE = 0.98   # of a segment's rows that are measured; the rest lies o
 HANN_OVERLAP = 1.0 / 36.0   # squared correlation of neighbouring Hann segments that overlap by half (Welch 1967)
 MOVING_VARIANCE = 1e-9  # of an instrument's variance over its mean square: less is a constant
 COHERENT = 0.6          # that a frequency is usable from (Tischler and Remple)
+RESPONSE_UNITS = {"theta": "rad", "theta_dot": "rad/s", "theta_ddot": "rad/s^2", "beta": "rad", "beta_cmd": "rad"}
+DECIBEL = 20.0 / math.log(10.0)   # of a relative change
+BIASED = "in closed loop it is drawn towards the controller's inverse, the more the lower the coherence"
 PREWHITENED = 2         # differences of a loop that a reference of ramps moves
 PAIRS = (("beta", "theta_ddot"), ("beta_cmd", "beta"))
 
@@ -250,3 +253,16 @@ def servo(nominal: Nominal, frequency: np.ndarray, hold: float) -> np.ndarray:
         np.exp(poles * (hold - part)) * (np.exp(poles * part) - 1.0) / poles
     modes = residues * (newer + older / z) / (z - np.exp(poles * hold))
     return np.asarray(changes.actuator_gain * modes.sum(axis=1) * z[:, 0]**-whole)
+
+
+def decibels_and_degrees(of: Response) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return gain [dB] and phase [deg] as measured, then of the nominal, (bins,) each.  Phases have no jumps; the
+    nominal's begins in -270 to 90, the measured one near it, and it follows itself where it is coherent."""
+    believed = np.where(np.isfinite(of.nominal), of.nominal, 1.0)
+    lost, usable = ~np.isfinite(of.nominal), of.coherence > COHERENT
+    phase = np.degrees(np.unwrap(np.angle(believed)))
+    phase -= 360.0 * np.ceil((phase[0] - 90.0) / 360.0)
+    off = np.angle(of.gain / believed)
+    off[usable] = np.unwrap(off[usable])
+    return (DECIBEL * np.log(np.abs(of.gain)), phase + np.degrees(off),
+            np.where(lost, np.nan, DECIBEL * np.log(np.abs(believed))), np.where(lost, np.nan, phase))

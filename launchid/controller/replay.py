@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.flight import excitation, packed, sections
+from sim.kernels import kernel
 from sim.nominal import Nominal
 from sim.vehicle.controller import filtered, limited, pseudo_derivative
-from sim.vehicle.kernels import kernel
 
 from ..log.log import Log
 from ..sums import combined, least_squares, products, square

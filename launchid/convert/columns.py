@@ -20,9 +20,10 @@ from sim.errors import InputError
 
 from ..log.log import Log, log_of
 from ..log.turns import continuous
-from .mapping import AXES, TIME_UNITS, Map, Source
+from .mapping import AXES, Map, Source
 from .readers import read_channels
 from .text import NOT_ASKED, Channels
+from .units import TIME_UNITS
 
 HALF_PERIOD = 0.5  # of the clock's period
 STALE = 3.0       # own periods

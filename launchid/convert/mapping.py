@@ -15,9 +15,8 @@ from ..log.cut import END, START, WHOLE, Cut
 from ..log.log import OPTIONAL, REQUIRED, SHORTEST_STEP
 from . import named
 from .text import HEAD_LINES
+from .units import ANGLE_UNITS, TIME_UNITS
 
-TIME_UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}   # in a second
-ANGLE_UNITS = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
 SHORT_UNITS = {"degrees": "deg", "degree": "deg", "radians": "rad", "radian": "rad"}
 LONG_UNIT_NAMES = re.compile("|".join(SHORT_UNITS))
 PER_SECOND = {"theta_dot": "/s", "rate_ref": "/s", "theta_ddot": "/s^2"}  # others are angles

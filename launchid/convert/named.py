@@ -18,6 +18,7 @@ import numpy as np
 from sim.errors import InputError
 
 from .text import Channels
+from .units import ANGLE_UNITS, TIME_UNITS
 
 NAMES = ("px4", "ardupilot", "betaflight", "tvc")
 OF_FORMAT = {"ULog": "px4", "ArduPilot DataFlash": "ardupilot"}   # of files whose format tells the map
@@ -259,7 +260,6 @@ def _angle_unit(x: np.ndarray) -> str:
 
 def _rate_unit(channels: Channels, stamps: np.ndarray, unit: str, theta: Table, rate: str) -> float:
     """Return the factor [rad/s] of a gyro by its integral against the attitude; 1 if the log does not tell it."""
-    from .mapping import ANGLE_UNITS, TIME_UNITS
     if "from" not in theta:
         return 1.0
     t, gyro = np.asarray(stamps, float) / TIME_UNITS[unit], np.asarray(channels[rate], float)

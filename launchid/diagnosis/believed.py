@@ -14,9 +14,9 @@ from sim.effects.actuator import PLAY, WASHOUT, slowed
 from sim.effects.environment import GUST_KIND, JUMP_KIND
 from sim.effects.plant import parameters
 from sim.flight import modes_of, packed, tuned
+from sim.kernels import kernel
 from sim.nominal import Nominal
 from sim.sections import Actuator
-from sim.vehicle.kernels import kernel
 
 from ..likelihood.kernel import MODE
 from ..weakform.rows import column

@@ -2,7 +2,7 @@
 
 import math
 
-from sim.vehicle.kernels import kernel
+from sim.kernels import kernel
 
 from .kernel import FIRST_ORDER_SERVO
 

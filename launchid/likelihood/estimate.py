@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
-from sim.vehicle.kernels import kernel
+from sim.kernels import kernel
 
 from ..sums import along, square
 from .likelihood import Parameters, Run, follow, run, whitened

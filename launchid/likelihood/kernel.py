@@ -25,7 +25,7 @@ import math
 
 import numpy as np
 
-from sim.vehicle.kernels import apart, inner, kernel
+from sim.kernels import apart, inner, kernel
 
 TH, OM, M, G, B, V = range(6)   # the states that are always there: theta, omega, m, g, b, v; then each mode's p, p'
 CORE = 6

@@ -12,7 +12,7 @@ from sim.nominal import Nominal
 from sim.result import Columns
 
 from ..comparison.flown import FLOWN_CHANNELS, Dispersed
-from ..comparison.frequency_response import COHERENT, Response
+from ..comparison.frequency_response import BIASED, COHERENT, DECIBEL, RESPONSE_UNITS, Response, decibels_and_degrees
 from ..comparison.prediction import HORIZONS, NO_STATISTICS, Predictions, Statistics, statistics
 from ..formatting import json_number
 from ..log.detect import DataCheck
@@ -23,12 +23,8 @@ from .headline import BEYOND_NOISE, closing
 if TYPE_CHECKING:
     from sim.result import Figure
 
-RESPONSE_UNITS = {"theta": "rad", "theta_dot": "rad/s", "theta_ddot": "rad/s^2", "beta": "rad", "beta_cmd": "rad"}
-DECIBEL = 20.0 / math.log(10.0)   # of a relative change
-INTERVAL = 1.96                   # standard deviations: 95 %
 NUMBER_FORMATS = {"fit": ".2f", "noise_fit": ".2f", "rms": ".3g", "largest": ".3g", "tic": ".4f", "bias": ".2f",
                   "variance": ".2f", "covariance": ".2f"}
-BIASED = "in closed loop it is drawn towards the controller's inverse, the more the lower the coherence"
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,19 +195,6 @@ def _response(of: Response) -> dict[str, Any]:
             "gain_db": _list(gain), "gain_db_std": _list(DECIBEL * of.std), "phase_deg": _list(phase),
             "phase_deg_std": _list(np.degrees(of.std)), "coherence": _list(of.coherence),
             "nominal_gain_db": _list(nominal_gain), "nominal_phase_deg": _list(nominal_phase)}
-
-
-def decibels_and_degrees(of: Response) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return gain [dB] and phase [deg] as measured, then of the nominal, (bins,) each.  Phases have no jumps; the
-    nominal's begins in -270 to 90, the measured one near it, and it follows itself where it is coherent."""
-    believed = np.where(np.isfinite(of.nominal), of.nominal, 1.0)
-    lost, usable = ~np.isfinite(of.nominal), of.coherence > COHERENT
-    phase = np.degrees(np.unwrap(np.angle(believed)))
-    phase -= 360.0 * np.ceil((phase[0] - 90.0) / 360.0)
-    off = np.angle(of.gain / believed)
-    off[usable] = np.unwrap(off[usable])
-    return (DECIBEL * np.log(np.abs(of.gain)), phase + np.degrees(off),
-            np.where(lost, np.nan, DECIBEL * np.log(np.abs(believed))), np.where(lost, np.nan, phase))
 
 
 def _list(x: np.ndarray) -> list[float | None]:

@@ -2,15 +2,17 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ..comparison.flown import FLOWN_CHANNELS
-from ..comparison.frequency_response import COHERENT, Response
+from ..comparison.frequency_response import COHERENT, DECIBEL, RESPONSE_UNITS, Response, decibels_and_degrees
 from ..comparison.prediction import HORIZONS
-from .comparison import DECIBEL, INTERVAL, RESPONSE_UNITS, Comparison, decibels_and_degrees
+
+if TYPE_CHECKING:
+    from .comparison import Comparison
 
 MEASURED_LINE: dict[str, Any] = {"color": "0.72", "linewidth": 2.6, "linestyle": "-"}
 NOMINAL_STYLES: tuple[dict[str, Any], ...] = (  # from light to dark in grey
@@ -18,6 +20,7 @@ NOMINAL_STYLES: tuple[dict[str, Any], ...] = (  # from light to dark in grey
     {"color": "#2f8f6b", "linewidth": 1.1, "linestyle": "-."}, {"color": "#000000", "linewidth": 1.2, "linestyle": ":"})
 CHANNEL_WORDS = {"theta": "attitude theta", "theta_dot": "rate theta_dot", "beta": "nozzle beta",
                  "beta_cmd": "command beta_cmd"}
+INTERVAL = 1.96                   # standard deviations: 95 %
 FONT_SIZE = 8    # points, of ticks and labels
 LONGEST_HORIZON = HORIZONS[-1]
 LEAST_SPAN = (6.0, 20.0)   # dB, deg: an axis shows at least a quarter of it beside what is measured
@@ -29,7 +32,7 @@ def style(k: int) -> dict[str, Any]:
     return {**NOMINAL_STYLES[k % len(NOMINAL_STYLES)], "zorder": 10 - k}
 
 
-def comparison_figure(made: Comparison) -> Figure:
+def comparison_figure(made: "Comparison") -> Figure:
     """Draw each channel: left measured, and flown by each nominal; right measured less predicted, 1 s ahead."""
     names = [name for name in FLOWN_CHANNELS if np.isfinite(getattr(made.log, name)).any()]
     figure = Figure(figsize=(13.0, 1.0 + 2.0 * len(names)), layout="constrained")
@@ -60,7 +63,7 @@ def comparison_figure(made: Comparison) -> Figure:
     return _finished(figure)
 
 
-def dispersion_figure(made: Comparison) -> Figure | None:
+def dispersion_figure(made: "Comparison") -> Figure | None:
     """Draw the log in the band of each nominal's dispersed flights; None if no nominal flew."""
     flew = [(each.label, each.dispersed) for each in made.nominals if each.dispersed is not None]
     if not flew:
@@ -84,7 +87,7 @@ def dispersion_figure(made: Comparison) -> Figure | None:
     return _finished(figure, one_legend=True)
 
 
-def response_figure(made: Comparison) -> Figure | None:
+def response_figure(made: "Comparison") -> Figure | None:
     """Draw gain, phase and coherence of each pair of input and output, where the coherence is high enough: measured
     (once, with the first nominal's instrument) and of each nominal; None if there is no response."""
     shown: dict[tuple[str, str], list[Response]] = {}

@@ -5,13 +5,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..comparison.flown import FLOWN_CHANNELS
+from ..comparison.frequency_response import BIASED, RESPONSE_UNITS
 from ..comparison.prediction import HORIZONS
-from .comparison import BIASED, RESPONSE_UNITS, Comparison
 from .folder import Picture, write_report
 from .page import table, text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from .comparison import Comparison
 
 CAPTIONS = {  # file: heading, and how to read it
     "comparison.png": ("Measured and simulated",
@@ -39,7 +41,7 @@ GLOSSARY = (
                    f"the estimate is of the input itself: {BIASED}"))
 
 
-def pictures_of(made: Comparison) -> dict[str, Picture]:
+def pictures_of(made: "Comparison") -> dict[str, Picture]:
     """Return file name -> picture (heading, caption, drawing function) of the comparison's figures."""
     def draw(name: str) -> "Figure | None":
         from .comparison_figures import COMPARISON_FIGURES
@@ -48,7 +50,7 @@ def pictures_of(made: Comparison) -> dict[str, Picture]:
     return {name: Picture(*words, functools.partial(draw, name)) for name, words in CAPTIONS.items()}
 
 
-def write_comparison(made: Comparison, folder: str | Path) -> None:
+def write_comparison(made: "Comparison", folder: str | Path) -> None:
     """Write report.html, compare.json and the figures into a folder, which is made if there is none."""
     names = ", ".join(each.label for each in made.nominals)
     write_report(folder, f"Measured beside {names}", f"launchid compare: {Path(made.log.path).name}",
@@ -56,7 +58,7 @@ def write_comparison(made: Comparison, folder: str | Path) -> None:
                  glossary=GLOSSARY)
 
 
-def summary_table(made: Comparison) -> str:
+def summary_table(made: "Comparison") -> str:
     """Return the report's first screen as HTML: a row for each channel and nominal with fits, Theil's coefficients and
     place among dispersed flights, then lines on the responses."""
     rows = []

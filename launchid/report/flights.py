@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sim.errors import InputError, UsageError
-
 from ..flights.pooled import PARAMETERS, Joint, Told, pooled
 from ..formatting import saying_what_plus_minus_is, with_std
 from ..log.commanded import is_of_commands
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
     from sim.result import Columns, Figure
 
     from ..commands.identify import Identification
-    from ..log.log import Log
 
 UNIT = "1/s^2"
 
@@ -151,17 +148,6 @@ def joined(found: Sequence[Identification], nominal: Nominal | None) -> JointAns
                             found[0].log.options), "flights": flights}
     return JointAnswer(found, nominal, told, joint, report, of is not None,
                        tuple(dict.fromkeys(line for each in found for line in each.warnings)))
-
-
-def told_by_identification(logs: Sequence[Log], nominal: Nominal) -> dict[str, Any]:
-    """Return the joint part of the JSON of several flights, by identifying each; without numbers where that cannot be
-    asked."""
-    from ..commands.identify import identify
-    try:
-        found = identify(logs, nominal)
-    except (InputError, UsageError):
-        return joint_report([], None, None)
-    return {name: found.report.get(name) for name in ("joint", "one_vehicle", "scatter")}
 
 
 def differing(told: Sequence[Told], joint: Joint | None) -> str:

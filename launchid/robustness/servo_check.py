@@ -16,8 +16,8 @@ import numpy as np
 
 from launchid_core import Model
 from sim.effects.actuator import play
+from sim.kernels import kernel
 from sim.vehicle.actuator import fastest_pole, free_servo
-from sim.vehicle.kernels import kernel
 
 from ..formatting import PLUS_MINUS, with_std
 from ..log.log import Log

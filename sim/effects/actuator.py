@@ -18,7 +18,7 @@ To add an effect: its row in ACTUATOR_EFFECTS, its branch in `change`, its equat
 import math
 from collections.abc import Mapping
 
-from ..vehicle.kernels import asked, inner
+from ..kernels import asked, inner
 from .table import Cause, Changes, Parameter
 
 PLAY, LAG, WASHOUT = range(3)  # kinds of what remembers

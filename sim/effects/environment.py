@@ -16,7 +16,7 @@ To add an effect: its row in ENVIRONMENT_EFFECTS, its branch in `change`, its eq
 import math
 from collections.abc import Mapping
 
-from ..vehicle.kernels import inner, kernel
+from ..kernels import inner, kernel
 from .table import Cause, Changes, Parameter
 
 GUST_KIND, SINE_KIND, JUMP_KIND = range(3)  # kinds of what the time decides; the last is the plant's `moment_step`

@@ -18,7 +18,7 @@ import numpy as np
 
 from launchid_core import function_value, parse_term
 
-from ..vehicle.kernels import inner
+from ..kernels import inner
 from .environment import JUMP_KIND
 from .table import CENTRE, Cause, Changes, Parameter
 

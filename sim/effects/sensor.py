@@ -14,7 +14,7 @@ To add an effect: its row in SENSOR_EFFECTS, its equation in a kernel.
 
 import math
 
-from ..vehicle.kernels import inner
+from ..kernels import inner
 from .actuator import LONGEST_DELAY
 from .plant import deflection
 from .table import Cause, Parameter

@@ -11,8 +11,8 @@ weights what drives its stages such that the vehicle's rate and angle are then t
 import math
 
 from ..effects.table import record
+from ..kernels import asked, inner
 from .controller import limited
-from .kernels import asked, inner
 
 FIRST_ORDER_DAMPING = 0.5
 POLE_STEP = 0.3  # rad a step, of the fastest pole: Runge-Kutta 4 is then exact to (sh)^4/120 = 7e-5 of what it moves

@@ -1,6 +1,6 @@
 """Kernels of a control law: discrete pseudo-derivative, deflection limit, filters."""
 
-from .kernels import inner
+from ..kernels import inner
 
 
 @inner

@@ -12,9 +12,9 @@ Assumptions: small angles, one plane, wind as an angle.
 import math
 
 from ..effects import actuator, environment, plant, sensor
+from ..kernels import apart, inner
 from .actuator import POLE_STEP, delayed_command, lag_rate, nozzle_stages, servo_flow
 from .controller import filtered, limited, pseudo_derivative
-from .kernels import apart, inner
 
 
 @inner

@@ -15,7 +15,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from launchid.cli.main import main
+from launchid.main import main
 from launchid_core import LIBRARIES, EstimateStatus, Status, __version__
 from sim.effects import CATALOGUE
 from sim.nominal import (

@@ -21,7 +21,7 @@ import pytest
 from hobby_rocket import Rocket, as_hobby_csv, fly
 
 import launchid
-from launchid.cli.main import main
+from launchid.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -12,8 +12,8 @@ from scipy.signal import bilinear, lfilter
 from test_sim import refused
 from unjitted import unjitted
 
-from launchid.cli.main import main
 from launchid.log.log import read_log
+from launchid.main import main
 from launchid.robustness.lft import lft_at
 from sim.effects import from_text
 from sim.errors import InputError

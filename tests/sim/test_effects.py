@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from unjitted import unjitted
 
-from launchid.cli.main import main
+from launchid.main import main
 from launchid_core import LIBRARIES
 from launchid_core.algebra import library
 from launchid_core.algebra.library import term_codes

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from every import every
 
-from launchid.cli.main import main
+from launchid.main import main
 from sim.nominal import built_in, load_nominal
 
 GOOD = built_in("constant").read_text(encoding="utf-8")

@@ -10,8 +10,8 @@ from scipy.linalg import expm
 from shortened import short
 from test_sim import refused
 
-from launchid.cli.main import main
 from launchid.log.log import read_log, write_flight
+from launchid.main import main
 from sim.disturbance_draws import OFFSET_DRAWS, drawn_offsets, drawn_wind
 from sim.effects import from_text
 from sim.errors import InputError

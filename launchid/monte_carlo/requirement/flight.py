@@ -15,8 +15,8 @@ import numpy as np
 
 from sim.disturbance_draws import drawn_offsets
 from sim.flight import dispersion, prepare
+from sim.kernels import apart
 from sim.nominal import Nominal
-from sim.vehicle.kernels import apart
 from sim.vehicle.record import LOG_ROW
 from sim.vehicle.step import advance
 

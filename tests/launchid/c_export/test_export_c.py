@@ -33,8 +33,8 @@ from ported import (
     written,
 )
 
-from launchid.cli.main import main
 from launchid.identification.windows import onboard_model
+from launchid.main import main
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
 from launchid_core.model import OFFSETS
 from launchid_core.order.entries import calls_of

@@ -1,6 +1,6 @@
 """The command `launchid`: exit status, one line per error, JSON alone on stdout, the same bytes for the same input.
 
-In process through `launchid.cli.main.main`; a warning counts as a traceback.
+In process through `launchid.main.main`; a warning counts as a traceback.
 """
 
 import json
@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from every import every
 
-from launchid.cli.main import main
 from launchid.commands.identify import identify
+from launchid.main import main
 
 pytestmark = [pytest.mark.filterwarnings("error::RuntimeWarning"), pytest.mark.filterwarnings("error::UserWarning")]
 

@@ -10,9 +10,9 @@ import pytest
 from shortened import short
 
 import launchid
-from launchid.cli.main import main
 from launchid.formatting import with_std
 from launchid.log.log import read_log, write_columns
+from launchid.main import main
 from sim.effects import effect
 from sim.nominal import write_nominal
 

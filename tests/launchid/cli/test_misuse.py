@@ -16,8 +16,8 @@ from every import every
 from shortened import short
 
 import launchid
-from launchid.cli.main import main
 from launchid.convert.mapping import load_map
+from launchid.main import main
 from launchid.monte_carlo.requirement.grammar import requirement
 from sim.effects.catalogue import from_text
 from sim.nominal import built_in

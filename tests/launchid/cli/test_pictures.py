@@ -14,12 +14,12 @@ import pytest
 from shortened import short
 
 import launchid
-from launchid.cli.main import main
 from launchid.commands.identify import Identification
 from launchid.commands.identify import identify as identified
 from launchid.identification import residuals as rs
 from launchid.log.check import ideal_note
 from launchid.log.log import Log, flown_log, read_log, write_columns, write_flight
+from launchid.main import main
 from sim.errors import InputError
 from sim.flight import fly_whole
 

@@ -10,7 +10,7 @@ from test_diagnosis_report import Page
 import launchid
 from launchid import progress
 from launchid.cli import terminal
-from launchid.cli.main import main
+from launchid.main import main
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
 

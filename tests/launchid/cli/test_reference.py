@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from every import every
 
-from launchid.cli.main import main, parser
 from launchid.cli.reference import commands_page, effects_report
+from launchid.main import main, parser
 from sim.effects import CATALOGUE
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from launchid.cli.main import main
+from launchid.main import main
 
 ROOT = Path(__file__).resolve().parents[3]
 MOST_MODULES = 70  # of the core, that an estimator imports
@@ -84,7 +84,7 @@ sys.exit(command())
 
 
 @pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
-@pytest.mark.parametrize("module", ["argparse", "launchid.cli.main", "sim.effects"])
+@pytest.mark.parametrize("module", ["argparse", "launchid.main", "sim.effects"])
 def test_an_interrupt_while_modules_are_imported_is_one_line(module):
     done = python("-c", STOPPED.replace("MODULE", module), "effects")
     assert done.returncode == 130
@@ -97,7 +97,7 @@ def test_without_matplotlib_one_line_says_what_to_install(tmp_path, words):
     log = tmp_path / "log.csv"
     log.write_text("t,theta,beta\n" + "".join(f"{k / 100},{k % 7},{k % 5}\n" for k in range(300)))
     (tmp_path / "without.py").write_text("import sys; sys.modules['matplotlib'] = None\n"
-                                         "from launchid.cli.main import main; sys.exit(main(sys.argv[1:]))")
+                                         "from launchid.main import main; sys.exit(main(sys.argv[1:]))")
     words = [*words.replace("LOG", str(log)).split(), "--plot", "x.png", "--quiet"]
     done = python(tmp_path / "without.py", *words, PYTHONPATH=str(ROOT))
     assert done.returncode == 2, done.stderr

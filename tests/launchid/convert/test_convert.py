@@ -13,11 +13,11 @@ from shortened import short
 from written import write_mcap, write_ulog
 
 import launchid
-from launchid.cli.main import main
 from launchid.convert.columns import mapped, turned
 from launchid.convert.mapping import Map, Source, load_map, map_for
 from launchid.convert.readers import foreign_format
 from launchid.log.log import read_log, write_columns
+from launchid.main import main
 from sim.errors import InputError
 from sim.flight import fly_whole
 

@@ -19,12 +19,12 @@ import pytest
 from mutated import mutated
 from written import write_mcap, write_ulog
 
-from launchid.cli.main import main
 from launchid.commands import convert as of_files
 from launchid.convert.columns import turned
 from launchid.convert.mapping import load_map
 from launchid.convert.readers import foreign_format, read_channels
 from launchid.log.log import read_log, write_columns
+from launchid.main import main
 from sim.errors import InputError
 
 ROWS, PERIOD = 60, 0.008

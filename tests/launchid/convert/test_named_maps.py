@@ -10,8 +10,8 @@ from test_convert import upright, write_ulog
 from test_convert_text import dataflash
 
 import launchid
-from launchid.cli.main import main
 from launchid.convert.mapping import map_for
+from launchid.main import main
 from sim.errors import InputError
 
 T = np.arange(600) * 0.02

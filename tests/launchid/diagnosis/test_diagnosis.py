@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from shortened import short
 
-from launchid.cli.main import main
 from launchid.diagnosis import model
 from launchid.diagnosis.answer import extension, headline, lines, report
 from launchid.diagnosis.verdict import diagnose
 from launchid.log.log import OPTIONAL, REQUIRED, Log, read_log, write_flight
+from launchid.main import main
 from launchid.report.diagnosis_page import write_report
 from sim.effects import from_text, values
 from sim.flight import fly_whole

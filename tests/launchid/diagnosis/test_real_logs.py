@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import launchid
-from launchid.cli.main import main
 from launchid.log.log import MEASURED_LOGS, measured_logs, read_log
+from launchid.main import main
 from sim.nominal import STAND_NOMINALS, load_nominal
 
 DEVICE = (20.3, 21.4)  # 1/s^2

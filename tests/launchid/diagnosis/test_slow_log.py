@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from launchid.cli.main import main
 from launchid.identification.windows import onboard_model, run
 from launchid.log.log import write_flight
+from launchid.main import main
 from launchid_core import Config
 from sim.errors import InputError
 from sim.flight import fly_whole

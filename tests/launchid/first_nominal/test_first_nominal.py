@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from launchid.cli.main import main
 from launchid.first_nominal.answer import first
 from launchid.first_nominal.channels import channels
 from launchid.log.log import log_of, write_columns, write_flight
+from launchid.main import main
 from launchid.sources import read_log
 from sim.flight import fly_whole
 from sim.nominal import Wind, load_nominal

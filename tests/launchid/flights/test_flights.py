@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import launchid
-from launchid.cli.main import main
 from launchid.flights.pooled import Told, pooled, scatter, tail
+from launchid.main import main
 from sim.nominal import load_nominal, write_nominal
 
 A6, K1 = 2.0, -7.0   # of the nominal `constant`

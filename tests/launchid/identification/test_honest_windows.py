@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 from unjitted import unjitted
 
-from launchid.cli.main import main
 from launchid.commands.identify import identify
 from launchid.identification.windows import onboard_model, run
 from launchid.judge.refusal import disbelieved
 from launchid.log.check import checked
 from launchid.log.log import Log, flown_log, log_of, read_log, write_columns, write_flight
+from launchid.main import main
 from launchid.weakform.rows import usable
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core.regression import residual

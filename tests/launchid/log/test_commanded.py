@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import launchid
-from launchid.cli.main import main
 from launchid.log.log import Log, log_of, write_columns
+from launchid.main import main
 from sim.errors import InputError
 
 A6, K1 = 2.0, -7.0   # of the nominal `constant`

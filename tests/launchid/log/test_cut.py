@@ -9,9 +9,9 @@ import pytest
 from every import every
 
 import launchid
-from launchid.cli.main import main
 from launchid.log.cut import cut_log
 from launchid.log.log import log_of
+from launchid.main import main
 from sim.errors import InputError, UsageError
 
 T = np.arange(400) * 0.01

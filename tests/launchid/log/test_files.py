@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from launchid.cli.main import main
+from launchid.main import main
 from sim.errors import InputError
 from sim.files import atomic_path, write_text
 from sim.nominal import built_in, load_nominal, write_nominal

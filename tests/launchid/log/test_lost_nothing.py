@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from launchid.cli.main import main
+from launchid.main import main
 
 resource = pytest.importorskip("resource", reason="POSIX limits")
 
@@ -111,7 +111,7 @@ def test_ctrl_c_while_a_pipe_is_waited_for_is_one_line(tmp_path):
 
 AGAIN = """
 import sys
-from launchid.cli.main import main
+from launchid.main import main
 words = sys.argv[1:]
 assert main(words) == 0
 print("ready", flush=True)

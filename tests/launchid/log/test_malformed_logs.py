@@ -19,10 +19,10 @@ from every import every
 from malformed_logs import ABSURD, CUT, GOOD, HEAD, MALFORMED
 from mutated import mutated
 
-from launchid.cli.main import main
 from launchid.log.log import measured_logs, read_log
 from launchid.log.stamps import usable_rows
 from launchid.log.table import ROWS_A_BLOCK
+from launchid.main import main
 from sim.errors import InputError
 
 

@@ -8,10 +8,10 @@ import pytest
 from hobby_rocket import Rocket, as_hobby_csv, fly
 
 import launchid
-from launchid.cli.main import main
 from launchid.log.check import checked
 from launchid.log.log import Log, log_of
 from launchid.log.phases import DOES_NOT, HELD, MOVES, Phase, checked_flight, flown_phase, phases_of
+from launchid.main import main
 
 EDGE = 0.1   # s, by which an edge may be off, beside the row's own period
 MAP = """[time]

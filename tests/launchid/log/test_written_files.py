@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from launchid.cli.main import main
+from launchid.main import main
 from sim.effects import effect
 from sim.nominal import (
     BUILT_IN,

@@ -22,8 +22,8 @@ import numpy as np
 import pytest
 from test_requirement_folder import files, nominal_of
 
-from launchid.cli.main import main
 from launchid.commands.campaign import campaign
+from launchid.main import main
 from launchid.monte_carlo.campaign import ATTEMPTS, run_campaign
 from launchid.monte_carlo.journal import LOCK, locked
 from launchid.monte_carlo.requirement.folder import CAMPAIGN, FLIGHTS_FILE, JOURNAL

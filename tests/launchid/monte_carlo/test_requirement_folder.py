@@ -22,8 +22,8 @@ from scipy.stats import beta, binom
 from shortened import short
 
 import launchid
-from launchid.cli.main import main
 from launchid.commands.campaign import campaign, foreseen
+from launchid.main import main
 from launchid.monte_carlo.requirement.flight import METRICS, Flyer, flight_jobs
 from launchid.monte_carlo.requirement.grammar import requirement
 from launchid.monte_carlo.requirement.sequential import Count, Planned, Sequential, wilks_rank

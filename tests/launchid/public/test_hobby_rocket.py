@@ -10,7 +10,7 @@ from hobby_rocket import Rocket, as_hobby_csv, fly
 from written import write_ulog
 
 import launchid
-from launchid.cli.main import main
+from launchid.main import main
 
 ROCKET = Rocket(pad=4.0, burn=4.2, coast=3.0, chute=6.0, thrust=9.5, arm=0.41, inertia=0.06, pressure=0.15, kp=0.5,
                 kd=0.14, lag=0.03, delay=0.015)

@@ -14,12 +14,12 @@ import public_flights as flights
 import pytest
 from shortened import short
 
-from launchid.cli.main import main
 from launchid.commands.identify import Identification, identify
 from launchid.diagnosis.answer import report
 from launchid.diagnosis.verdict import diagnose
 from launchid.first_nominal import first
 from launchid.log.log import OPTIONAL, REQUIRED, Log, log_of, read_log, write_columns
+from launchid.main import main
 from sim.nominal import Nominal, load_nominal, write_nominal
 
 PUBLIC = Path(__file__).parents[2] / "public"

@@ -11,13 +11,13 @@ import public_flights as flights
 import pytest
 import shortened
 
-from launchid.cli.main import main
 from launchid.commands.fit_lft import fit_lft
 from launchid.commands.identify import identify
 from launchid.commands.simulate import simulate
 from launchid.first_nominal import first
 from launchid.log.check import faults
 from launchid.log.log import Log, flown_log, log_of, write_columns
+from launchid.main import main
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import BUILT_IN, Nominal, load_nominal

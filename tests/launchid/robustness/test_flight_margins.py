@@ -11,7 +11,7 @@ import pytest
 from test_lft import delayed, held
 
 import launchid
-from launchid.cli.main import main
+from launchid.main import main
 from launchid.robustness import flight_margins as fm
 from launchid.robustness.lft import lft_at, loop_gain, sample, spectral_radius
 from launchid.robustness.loops import Plants, loops, plants_of

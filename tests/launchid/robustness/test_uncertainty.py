@@ -14,8 +14,8 @@ from hypothesis import strategies as hs
 from shortened import short
 from unjitted import unjitted
 
-from launchid.cli.main import main
 from launchid.identification.windows import onboard_model, run
+from launchid.main import main
 from launchid.robustness.level import departures, ranged_model
 from launchid_core import BANDS, EDGES, Config, Estimate, Estimator, Model
 from launchid_core.order.table import EVENTS, GAUGE, ONSETS

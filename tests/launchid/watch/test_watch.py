@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from launchid.cli.main import main
 from launchid.formatting import with_std
 from launchid.identification.windows import onboard_model
 from launchid.log.live import part
 from launchid.log.log import flown_log, log_of, read_log
+from launchid.main import main
 from launchid.watch.follower import LAST_WINDOWS, Follower
 from launchid.watch.last_rows import CHECKED, MOST_CHECKED, LastRows
 from launchid.watch.lines import LONGEST_LINE, Lines

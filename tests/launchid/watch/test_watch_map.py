@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from launchid.cli.main import main
 from launchid.convert.columns import mapped
 from launchid.convert.mapping import load_map
 from launchid.convert.stream import MappedStream
 from launchid.log.log import read_log, write_columns
+from launchid.main import main
 from launchid.watch.lines import Lines
 
 MAP = """[time]

@@ -1,56 +1,33 @@
-"""The command `launchid` (`python -m sim` is the same).
+"""Run a command line: parse it, run the command, turn errors into one line and an exit status.
 
 Exit status: 0 done; 2 wrong usage; 3 bad input; one line on stderr, never a traceback.  stdout has data alone.
-
-What a command needs is imported when it runs, its files are read before anything is that compiles: help, wrong words
-and missing files answer at once.
 """
 
 import contextlib
 import os
 from collections.abc import Sequence
+from types import ModuleType
 
 from launchid_core import __version__
 from sim.errors import INTERRUPTED, INTERRUPTED_STATUS, InputError, UsageError, extras_named
 from sim.files import inputs_spared
 
-from ..commands import (
-    campaign,
-    compare,
-    convert,
-    diagnose,
-    effects,
-    export_c,
-    fit_lft,
-    identify,
-    margins,
-    nominal,
-    plan,
-    reproduce,
-    show,
-    simulate,
-    uncertainty,
-    warm,
-    watch,
-)
 from .compilation import hush
 from .options import Parser
 from .terminal import answer, leave_stdout, open_streams, progress_shown, say
 
 USAGE_STATUS, INPUT_STATUS = 2, 3
-COMMANDS = (simulate, show, identify, nominal, diagnose, compare, margins, uncertainty, plan, fit_lft, campaign,
-            export_c, convert, watch, effects, warm, reproduce)
 
 
-def parser() -> Parser:
-    """Return the parser of `launchid` with all commands and their options."""
+def parser_of(commands: Sequence[ModuleType]) -> Parser:
+    """Return the parser of `launchid` with the commands of these modules and their options."""
     top = Parser(prog="launchid", description="Identify a launch vehicle's a6 and k1, in flight and from logs.",
                  epilog="launchid COMMAND --help lists the options of one command. Files and units: docs/formats.md. "
                         "Exit status: 0 done, 2 wrong usage, 3 bad input.")
     top.add_argument("--version", action="version", version=f"launchid {__version__}", help="print the version")
-    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for command in COMMANDS:
-        command.add(commands)
+    subparsers = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for command in commands:
+        command.add(subparsers)
     return top
 
 
@@ -62,13 +39,13 @@ def complete(top: Parser) -> None:
             argcomplete.autocomplete(top)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run `launchid` with these arguments (None: sys.argv[1:]); return the exit status: 0 done, 2 wrong usage, 3 bad
-    input, 130 interrupted by Ctrl-C."""
+def run(commands: Sequence[ModuleType], argv: Sequence[str] | None = None) -> int:
+    """Run `launchid`, of which there are these commands, with these arguments (None: sys.argv[1:]); return the exit
+    status: 0 done, 2 wrong usage, 3 bad input, 130 interrupted by Ctrl-C."""
     open_streams()
     try:
         try:
-            top = parser()
+            top = parser_of(commands)
             complete(top)
             args = top.parse_args(argv)
         except SystemExit:  # help and version, on stdout
