@@ -156,7 +156,7 @@ def nominal_for(kind: str, body: Body, wrong: str, rate: float, motion: float, r
     if kind != "pendulum":
         table["actuator"] = {"natural_frequency": 500.0, "damping_ratio": 0.7}
         if wrong != "late":
-            table["actuator"]["delay"] = round(body.delay + lag, 4)
+            table["actuator"]["delay"] = round(max(body.delay + lag - 2.0 * 0.7 / 500.0, 0.0), 4)
     return nominal_of(Table(Path(f"{kind}.toml"), table | {"name": kind}))
 
 

@@ -255,9 +255,9 @@ CANDIDATE_KINDS = (
          lambda m: [Column(-m.log.a6 * np.append(0.0, np.cumsum(x[:-1] * m.log.dt[:-1])))
                     for x in m.path.motion[:, [0, 2]].T],
          "has_theta is_unstable has_no_path", prior=lambda m: 0.1),
-    Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1, _played, "has_commands",
+    Kind("actuator_backlash", "actuator_backlash", ("share", "half_width"), 1, _played, "shows_servo",
          lambda m: [(x,) for x in PLAYS], bounds=((2e-5, 1e-6, 0.2),), place="actuator"),
-    Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, _limited, "has_commands", _rates,
+    Kind("actuator_rate_limit", "actuator_rate_limit", ("share", "rate"), 1, _limited, "shows_servo", _rates,
          bounds=((1e-3, 1e-3, 50.0),), place="actuator"),
     # in no list: what they explain is not named
     Kind("servo_curve", "", ("size",), 1, lambda m: [Column(command=m.path.input * np.abs(m.path.input))],

@@ -209,6 +209,15 @@ class KnownLog:
         """Whether the nominal's own simulation may have flown the log."""
         return self.law is not None and self.nominal.simulation is not None
 
+    @property
+    def is_blind(self) -> bool:
+        """Whether nothing shows what a stranger's input does on its way: no nozzle is measured behind a command."""
+        return not self.is_flown and not (self.is_commanded and self.has_beta)
+
+    @property
+    def shows_servo(self) -> bool:
+        return self.has_commands and not self.is_blind
+
     @cached_property
     def is_smooth(self) -> bool:
         """Whether a measured input shows its acceleration."""
@@ -264,6 +273,10 @@ class KnownLog:
         """Return the nominal's value of a number by its effects, `missing` if it has none."""
         return self.given.get(name, missing)
 
+    def slowness(self, get: Callable[..., float]) -> float:
+        """Return the lateness [s] of the nominal's servo at the bandwidth that `get` tells."""
+        return self.servo.lag / max(get("bandwidth", 1.0), 0.01) if self.is_commanded else 0.0
+
     def servo_numbers(self, get: Callable[..., float]) -> np.ndarray:
         """Return (1,) NUMBERS with the servo's, of which `get` tells (name, missing)."""
         c = np.zeros(1, NUMBERS)
@@ -277,6 +290,8 @@ class KnownLog:
         which `get` tells (name, missing)."""
         delay, lag, washout, play, limit = (get("delay"), max(get("lag"), 0.0), max(get("washout"), 0.0), get("play"),
                                             get("rate_limit"))
+        if self.is_blind:   # `delay` is then all of the lateness, of which the lag and a slower servo are a part
+            delay -= lag - self.given.get("lag", 0.0) + self.slowness(get) - self.slowness(self.nominal_value)
         key = (delay, lag, washout, play, limit, get("bandwidth", 1.0) if limit > 0.0 else 1.0)
         if key not in self.inputs:
             ticks, edges = self.track.ticks, self.track.edges - (self.servo.delay * self.is_commanded + delay)

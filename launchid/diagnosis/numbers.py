@@ -14,7 +14,9 @@ SWING = 0.3            # rad rms, from which a body that bends from the line is 
 LARGEST_SHIFT = 2.0    # of a6, k1 and scales over their nominal value: one sigma of what is believed before a log
 TIMES = 0.1            # s, one sigma of a delay or lag that nobody declared
 LARGEST_DELAY = 1.0    # s, the largest
+SHORT_LAG = 0.005      # s, of a servo that is as good as none
 KINEMATIC = ("gyro_bias", "gyro_scale", "gyro_delay")   # say something of the columns alone, and turn no vehicle
+FORM = ("lag", "bandwidth")   # of a lateness that no nozzle shows: its form, not its size
 LIBRARY = ("1", "theta_dot", *CURVES)   # terms of a nominal that are numbers of every model
 
 
@@ -73,13 +75,14 @@ def usual(log: KnownLog) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table wi
                 "coefficient")
     if has_input and "beta^2" not in log.terms:
         add("term beta^2", 0.0, 0.0, acc / s.beta**2, "missing_term", "beta^2")
-    if has_input and (log.is_commanded or log.is_smooth):
+    if has_input and (log.is_smooth if not log.is_commanded else log.is_flown or log.has_beta):
         add("inertia", 0.0, 0.0, acc * 0.05**2 / s.beta, "nozzle_inertia", "coefficient")
     if has_input:
-        timing = d.timing if log.is_commanded else d.timing + 0.6 * row
-        add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", -2.0 * timing, LARGEST_DELAY, 1e-4 + 0.01 * row)
+        timing = d.timing + (0.6 * row if log.is_blind or not log.is_commanded else 0.0)   # rows do not say when in them
+        least = -2.0 * timing - (log.servo.delay + log.servo.lag if log.is_blind and log.is_commanded else 0.0)
+        add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", least, LARGEST_DELAY, 1e-4 + 0.01 * row)
         add("washout", 0.0, 0.002, 2.0, "input_washout", "time_constant", 0.0, 50.0, 1e-3)
-    if has_input and log.is_commanded:
+    if has_input and log.is_commanded and not (log.is_blind and log.servo.lag < max(SHORT_LAG, 0.5 * row)):
         band = min(2.0 * d.timing / max(log.servo.lag, 1e-4), 0.5)
         add("bandwidth", 1.0, band, 1.0, "actuator_bandwidth", "scale", 0.02, 20.0)
     if has_input and log.is_commanded and log.has["beta"]:

@@ -23,7 +23,7 @@ from .elimination import MIN_SQUARES_SAVED, MOST, NAME_SHARE, Elimination, Kept,
 from .gain import Gain, held_out
 from .model import Model, Stopped
 from .noise import WEATHER
-from .numbers import KINEMATIC, TOLERANCE_SIGMAS
+from .numbers import FORM, KINEMATIC, TOLERANCE_SIGMAS
 from .scan import with_products
 from .score import covariance
 from .start import everything, with_found
@@ -126,7 +126,8 @@ def runs_away(nominal: Nominal, period: float) -> bool:
 def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, say: Callable[[str], None]) -> Result:
     """Diagnose a track: fit all numbers, eliminate, decide; judge the gain on `holdout` if given."""
     say("everything free")
-    notes = frozenset() if m.log.is_flown else frozenset(m.table.index(x) for x in KINEMATIC if x in m.table)
+    of = () if m.log.is_flown else (*KINEMATIC, *FORM) if m.log.is_blind else KINEMATIC
+    notes = frozenset(m.table.index(x) for x in of if x in m.table)
     m, p = everything(m)
     say("taking away")
     el = Search(m, notes).run(p)
@@ -223,6 +224,9 @@ def noted(m: Model, el: Elimination) -> list[str]:
         value, std = float(el.final.p[j]), el.std_full.get(j, 0.0)
         if abs(value - m.table.null[j]) > max(3.0 * std, m.table.tol[j]):
             name = m.table.numbers[j].name
+            if name in FORM:
+                out.append(f"the input's lateness has a form: {name} {value:.4g} +- {std:.2g} (no cause)")
+                continue
             out.append(f"columns: {name} {value:.4g} +- {std:.2g} (theta_dot against theta; no cause)")
     return out
 
@@ -248,8 +252,6 @@ def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | N
         return f"{name} would be {value:.3g}, the end of its range, or beyond: something else is wrong"
     if controller is not None and controller.is_named and m.log.unsure > 0.0 and k.group.place == "actuator":
         return f"{name}: the commands between the rows are another controller's, and tell nothing of the servo"
-    if name == "inertia" and m.log.is_commanded and not (m.log.is_flown or m.log.has_beta):
-        return f"{name}: no row measures the nozzle, whose servo may be of another form"
     largest = max(el.kept, key=lambda each: each.gain)
     if is_rest(m, el, k, largest):
         return f"{name} may be what {largest.group.kind} leaves by not being the same along the log"
@@ -324,6 +326,10 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
             C, slope = covariance(m, el.final, el.unit)[np.ix_(at, at)], np.array([width, share])
             values = {"half_width": (share * width, math.sqrt(slope @ C @ slope))}
     alike = {*k.alike} - {""} | set(EQUAL_CAUSES.get(k.group.name, ()))
+    if m.log.is_blind and k.group.name == "delay" and "lag" in m.table:   # told apart by no nozzle, but by its form
+        lag = m.table.index("lag")
+        std = el.std_full.get(lag, 0.0)
+        alike |= {"actuator_bandwidth"} if m.log.is_commanded else set()
     alike |= {"actuator_delay"} if late and k.group.name == "bandwidth" else set()
     if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.log.is_flown:
         cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}
