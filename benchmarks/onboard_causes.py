@@ -20,12 +20,12 @@ import numpy as np
 
 from launchid.identification.windows import run
 from launchid.judge.refusal import withdrawn
-from launchid.onboard import onboard_model
 from launchid_core import Config, Estimate
 from sim.effects import from_text
 from sim.errors import InputError
 from sim.flight import Flight, fly_whole
 from sim.nominal import Nominal, load_nominal
+from sim.onboard import onboard_model
 from sim.sections import Bending, Slosh, constant
 
 WINDOW = 5.0    # s

@@ -1,6 +1,7 @@
 """Public functions of the package `launchid`: those of the commands, for callers from Python."""
 
 from sim.errors import InputError, UsageError
+from sim.onboard import onboard_model
 from sim.sections import Nominal
 
 from .commands import campaign as of_campaign
@@ -16,7 +17,6 @@ from .commands import show as of_show
 from .commands import simulate as of_simulate
 from .commands import uncertainty as of_uncertainty
 from .log.log import Log
-from .onboard import onboard_model
 from .sources import DataWarning, LogSource, NominalSource, from_python, load_nominal, read_log
 
 __all__ = ["DataWarning", "InputError", "Log", "LogSource", "Nominal", "NominalSource", "UsageError", "campaign",

@@ -1,18 +1,20 @@
-"""Draw the wind and the constant offsets of a flight, which nobody knows before it.
+"""Draw the wind, the constant offsets and the modes of a flight, which nobody knows before it.
 
 Each source has its own random stream, so that one is left alone by the others and by the noises of
 `sim.flight`; same seed, same draws.
 """
 
 import math
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
 from .effects import Changes, Effect, effect
 from .kernels import kernel
-from .sections import Offsets, Wind
+from .sections import InTime, Nominal, Offsets, Wind
 
-_DISTURBANCE_STREAMS = {"offsets": 100, "walk": 101, "turbulence": 102}  # beyond those of the noises
+_DISTURBANCE_STREAMS = {"offsets": 100, "walk": 101, "turbulence": 102, "modes": 103}  # beyond those of the noises
 NO_CHANGES = Changes()
 OFFSET_DRAWS = ("thrust_misalignment", "attitude_bias", "gyro_bias", "nozzle_sensor_bias", "moment")
 
@@ -39,6 +41,35 @@ def offset_effects(drawn: dict[str, float]) -> tuple[Effect, ...]:
     """Return the drawn offsets (name -> value) as effects of the catalogue; the moment, which is none, is left out."""
     return tuple(effect(name, **{"rate" if name == "gyro_bias" else "angle": value})
                  for name, value in drawn.items() if name != "moment")
+
+
+# ---- slosh and bending
+
+MOST_SIGMAS = 2.5  # of a mode's draw: beyond, nobody who declares a sigma believes it
+LEAST_FACTOR = 0.1  # of a frequency or a damping ratio, which are above 0
+
+
+def drawn_modes(nominal: Nominal, seed: int) -> Nominal:
+    """Draw what [[slosh]] and [[bending]] declare as not known, by the seed; return the nominal with it.
+
+    Each number with a sigma is its own times 1 + sigma n, n normal and within MOST_SIGMAS; both gains of a bending mode
+    are off together.
+    """
+    return replace(nominal, slosh=tuple(_drawn(mode, seed, k) for k, mode in enumerate(nominal.slosh)),
+                   bending=tuple(_drawn(mode, seed, len(nominal.slosh) + k) for k, mode in enumerate(nominal.bending)))
+
+
+def _drawn(mode: Any, seed: int, source: int) -> Any:
+    names = [f.name.removesuffix("_sigma") for f in fields(mode) if f.name.endswith("_sigma")]
+    draws = np.clip(_draws(seed, "modes", len(names), source), -MOST_SIGMAS, MOST_SIGMAS)
+    changed: dict[str, InTime] = {}
+    for name, draw in zip(names, draws.tolist(), strict=True):
+        factor = max(1.0 + getattr(mode, f"{name}_sigma") * draw, LEAST_FACTOR)
+        for key in (name, "gyro_gain") if name == "gain" else (name,):
+            number = getattr(mode, key)
+            if number is not None and factor != 1.0:
+                changed[key] = InTime(number.t, tuple(factor * x for x in number.value))
+    return replace(mode, **changed)
 
 
 # ---- wind

@@ -24,7 +24,7 @@ from .disturbance_draws import drawn_offsets, drawn_wind, offset_effects
 from .effects import Changes, Effect, effect, pack, plant
 from .errors import InputError, UsageError
 from .nominal import Nominal
-from .sections import Bending, InTime, Slosh
+from .sections import LAWS, Bending, InTime, Slosh
 from .vehicle.actuator import FIRST_ORDER_DAMPING
 from .vehicle.record import CONTROLLER_TICK, LOG_ROW, SECTION, SENSOR_NOISE, Vehicle, assembled
 from .vehicle.step import advance
@@ -47,7 +47,7 @@ class Flight:
 
     a6, k1 [1/s^2], true_gamma [rad] and wind [rad] (all of it) are the truth at each row, offsets [unit of each] the
     constants that were drawn; `lost` tells that the vehicle left the small-angle range and the log ends there.
-    gamma [rad] as navigation has it is NaN without [drift], rate_ref [rad/s] without the law `rate`.
+    gamma [rad] as navigation has it is NaN without [drift], rate_ref [rad/s] without a law that reads the rate.
     """
 
     t: np.ndarray
@@ -243,10 +243,25 @@ def constants(nominal: Nominal) -> dict[str, float]:
         (actuator.natural_frequency, actuator.damping_ratio)
     return {"step": simulation.step, "period": controller.period, "frequency": frequency, "damping": damping,
             "first_order": actuator.is_first_order, "delay": actuator.delay, "limit": actuator.deflection_limit,
-            "rate_law": controller.is_rate_law, "kp": controller.kp, "kd": controller.kd, "ki": controller.ki,
+            "law": LAWS.index(controller.law), "kp": controller.kp, "kd": controller.kd, "ki": controller.ki,
             "time_constant": controller.derivative_time_constant, "theta_step": sensors.theta_step,
             "theta_dot_step": sensors.theta_dot_step, "beta_step": sensors.beta_step,
             "lost_angle": LOST_ANGLE_TERMS if nominal.terms else LOST_ANGLE}
+
+
+def steering(nominal: Nominal, vehicle: Vehicle,
+             believed: Nominal | None = None) -> Callable[[Vehicle, int, np.ndarray], None]:
+    """Return what flies a vehicle on: `advance`, or, where filters follow what is tracked, the same with the estimator
+    of the nominal, or of what is believed, in the loop."""
+    if nominal.controller is None or not nominal.controller.followed:
+        return advance
+    from .following import Following
+    return Following(believed or nominal, vehicle)
+
+
+def _reads_rate(nominal: Nominal) -> bool:
+    assert nominal.controller is not None
+    return any(name == "theta_dot" for name, _ in nominal.controller.reads)
 
 
 def sections(nominal: Nominal) -> np.ndarray:
@@ -268,7 +283,8 @@ def _columns(suite: str) -> dict[str, str]:
 
 
 def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | None = None,
-              a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, effects: Iterable[Effect] = ()) -> Flight:
+              a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, effects: Iterable[Effect] = (),
+              believed: Nominal | None = None) -> Flight:
     """Fly to the end and return the log.
 
     nominal    what is flown; needs [actuator], [controller], [guidance], [simulation]
@@ -277,12 +293,13 @@ def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: fl
     period     [s] of the log; None: the suite's
     a6_factor, k1_factor  the true parameters over the nominal's: a number or a function of time
     effects    flown beside the nominal's own, see `sim.effects`
+    believed   the nominal of the estimator that filters follow, if it is not the one that flies
     """
     vehicle, steps = prepare(nominal, seed, suite, period, a6_factor, k1_factor, effects)
     state = vehicle.flight[0]
     every = int(state.log_every)
     rows = np.empty(-(-steps // every), LOG_ROW)
-    advance(vehicle, steps, rows)
+    steering(nominal, vehicle, believed)(vehicle, steps, rows)
     n = int(state.rows)
     log = {name: rows[name][:n].copy() for name in LOG_ROW.names or ()}
     chosen = {name: log[column] for name, column in _columns(suite).items()}
@@ -294,7 +311,7 @@ def fly_whole(nominal: Nominal, seed: int = 0, suite: str = "flight", period: fl
                   period=every * float(state.step), lost=bool(state.lost),
                   gamma=log["true_gamma"] + measured_gamma(nominal, seed, suite, steps)[at],
                   true_gamma=log["true_gamma"], wind=log["wind"],
-                  rate_ref=tick["rate_reference"].copy() if state.rate_law else np.full(n, np.nan),
+                  rate_ref=tick["rate_reference"].copy() if _reads_rate(nominal) else np.full(n, np.nan),
                   offsets=drawn_offsets(nominal.offsets, seed), **chosen)
 
 
@@ -306,10 +323,10 @@ def fly(nominal: Nominal, seed: int = 0, suite: str = "flight", period: float | 
     every = int(state.log_every)
     column = _columns(suite)
     gamma = measured_gamma(nominal, seed, suite, steps)
-    rows = np.empty(1, LOG_ROW)
+    rows, fly_on = np.empty(1, LOG_ROW), steering(nominal, vehicle)
     for start in range(0, steps, every):
         state.rows = 0
-        advance(vehicle, min(every, steps - start), rows)
+        fly_on(vehicle, min(every, steps - start), rows)
         if state.rows == 0:
             return
         row = dict(zip(LOG_ROW.names or (), rows[0].tolist(), strict=True))

@@ -1,7 +1,8 @@
 """The sections of a nominal as frozen dataclasses, SI units (s, rad); `sim.nominal` reads and writes them."""
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -183,12 +184,68 @@ class Actuator:
 
 
 @dataclass(frozen=True)
+class Follow:
+    """What the centre of a notch follows: a mode's frequency as the estimator on board tracks it, at most the share
+    `reach` from `frequency`, the declared one; that itself while no estimate is valid."""
+
+    mode: str                         # slosh1 .. or bending1 ..
+    frequency: float                  # rad/s
+    depth_damping: float
+    width_damping: float
+    reach: float
+
+    def centre(self, tracked: float) -> float:
+        """Return the centre [rad/s] for a tracked frequency [rad/s], NaN where it is not valid."""
+        if not math.isfinite(tracked):
+            return self.frequency
+        return min(max(tracked, (1.0 - self.reach) * self.frequency), (1.0 + self.reach) * self.frequency)
+
+
+@dataclass(frozen=True)
 class Section:
     """Filter y_k = b0 x_k + b1 x_(k-1) + b2 x_(k-2) - a1 y_(k-1) - a2 y_(k-2), at the controller's period, from
-    rest."""
+    rest; one that follows a mode has these coefficients at the declared frequency."""
 
     b: tuple[float, float, float]
     a: tuple[float, float, float]     # a[0] is 1
+    follow: Follow | None = None
+
+    def tuned(self, frequency: float, period: float) -> "Section":
+        """Return a filter that follows a mode with its centre at the tracked frequency [rad/s]; period [s]."""
+        own = self.follow
+        assert own is not None
+        return replace(notch(period, own.centre(frequency), own.depth_damping, own.width_damping), follow=own)
+
+
+def notch(period: float, frequency: float, depth_damping: float, width_damping: float) -> Section:
+    """Return the section of (s^2 + 2 depth w s + w^2)/(s^2 + 2 width w s + w^2), w = frequency [rad/s], by `tustin`."""
+    return tustin(period, frequency, (1.0, depth_damping, 1.0), (1.0, width_damping, 1.0))
+
+
+def lowpass(period: float, frequency: float, damping_ratio: float) -> Section:
+    """Return the section of w^2/(s^2 + 2 damping w s + w^2), w = frequency [rad/s], by `tustin`."""
+    return tustin(period, frequency, (0.0, 0.0, 1.0), (1.0, damping_ratio, 1.0))
+
+
+def tustin(period: float, frequency: float, numerator: tuple[float, float, float],
+           denominator: tuple[float, float, float]) -> Section:
+    """Return a filter as discrete section by Tustin's rule, prewarped at w = frequency [rad/s]: s = w/c (z - 1)/(z +
+    1), c = tan(w period/2) (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., ch. 8.3).
+
+    numerator, denominator  m, zeta, n of m s^2 + 2 zeta w s + n w^2
+    """
+    c = math.tan(0.5 * frequency * period)
+
+    def quadratic(m: float, zeta: float, n: float) -> tuple[float, float, float]:
+        """c^2/w^2 (m s^2 + 2 zeta w s + n w^2) (z + 1)^2, powers of z falling."""
+        return m + 2.0 * zeta * c + n * c * c, 2.0 * (n * c * c - m), m - 2.0 * zeta * c + n * c * c
+
+    a0, a1, a2 = quadratic(*denominator)
+    b0, b1, b2 = quadratic(*numerator)
+    return Section((b0 / a0, b1 / a0, b2 / a0), (1.0, a1 / a0, a2 / a0))
+
+
+LAWS = ("attitude", "rate", "gyro")  # of a controller, numbered so in a flight's record
 
 
 @dataclass(frozen=True)
@@ -198,20 +255,44 @@ class Controller:
 
     Law `rate`: command = kp e + ki integral(e), e = theta_dot_measured - rate_ref; the integral is the sum of period e
     with the current sample, from 0; a sample whose command (filters and test input in it) is beyond the limit is not
-    kept in it.  Filters follow the law, in order.
+    kept in it.
+
+    Law `gyro`: command = kp (theta_measured - theta_ref) + kd (theta_dot_measured - rate_ref).
+
+    Filters follow the law, in order.
     """
 
     kp: float                         # of `rate`: s
     kd: float                         # s; 0 of `rate`
-    derivative_time_constant: float   # s; 0 of `rate`
+    derivative_time_constant: float   # s; 0 of `rate` and `gyro`
     period: float                     # s
-    law: str = "attitude"             # or "rate"
+    law: str = "attitude"             # or one of LAWS
     ki: float = 0.0                   # of `rate` alone, no unit
     filters: tuple[Section, ...] = ()
 
     @property
     def is_rate_law(self) -> bool:
         return self.law == "rate"
+
+    @property
+    def reads(self) -> tuple[tuple[str, str], ...]:
+        """What the law reads: the measured column and its reference, of each error."""
+        attitude, rate = ("theta", "theta_ref"), ("theta_dot", "rate_ref")
+        return {"attitude": (attitude,), "rate": (rate,), "gyro": (attitude, rate)}[self.law]
+
+    @property
+    def followed(self) -> tuple[str, ...]:
+        """The modes that filters follow."""
+        return tuple(dict.fromkeys(each.follow.mode for each in self.filters if each.follow is not None))
+
+    def following(self, tracked: Mapping[str, float]) -> "Controller":
+        """Return the controller with its filters at the tracked frequencies [rad/s] of modes; NaN or missing: not
+        valid."""
+        if not self.followed:
+            return self
+        return replace(self, filters=tuple(
+            each if each.follow is None else each.tuned(tracked.get(each.follow.mode, math.nan), self.period)
+            for each in self.filters))
 
 
 @dataclass(frozen=True)

@@ -81,8 +81,7 @@ def compile_formulation(formulation: str, backwards: bool = False, is_whole: boo
     """
     from launchid_core import Config, precompile
     from sim.nominal import load_nominal
-
-    from ..onboard import onboard_model
+    from sim.onboard import onboard_model
     model = onboard_model(load_nominal("constant")) if formulation == "filtered" else None
     if model and is_whole:
         model = dataclasses.replace(model, delay_sigma=1e-3, sigma_t=(0.0,), sigma_a6=(0.3,), sigma_k1=(0.3,))

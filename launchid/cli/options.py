@@ -11,7 +11,7 @@ from launchid_core import FORMULATIONS, NOISE_LEVELS, SOLVERS
 from sim.errors import UsageError, did_you_mean
 
 NOISE_CHOICES = ("bounded", "declared", "free")  # how far a diagnosis lets noise levels be from the declared
-NOMINAL_HELP = "a nominal: a TOML file, or constant | vega_like | greensite_cr826"
+NOMINAL_HELP = "a nominal: a TOML file, or constant | vega_like | greensite_cr826 | cr826_max_q"
 LOG_HELP = ("read this CSV log: columns t, theta, beta [s, rad, rad] and what else was measured; a file, a pipe, - for "
             "standard input, or the name of a measured log of the package such as dfki_pendulum_dircol")
 
@@ -96,8 +96,8 @@ def add_logs(sub: argparse.ArgumentParser, help: str, nominal_help: str, require
 
 def is_nominal(word: str) -> bool:
     """Whether a word of the command is a nominal: a TOML file, or the name of a built-in one."""
-    from sim.nominal import BUILT_IN, STAND_NOMINALS
-    return word.endswith(".toml") or (word in BUILT_IN + STAND_NOMINALS and not os.path.exists(word))
+    from sim.nominal import NAMES
+    return word.endswith(".toml") or (word in NAMES and not os.path.exists(word))
 
 
 def logs_of(args: argparse.Namespace) -> tuple[list[str], list[str]]:

@@ -75,10 +75,10 @@ def export_c(nominal: NominalSource, *, window: float = DEFAULT_WINDOW, period: 
         Its `write` writes the files.
     """
     from launchid_core import Config
+    from sim.onboard import onboard_model
 
     from ..c_export.kit import exported
     from ..c_export.vectors import flown
-    from ..onboard import onboard_model
     from ..robustness import level
     from ..sources import load_nominal
     nominal = load_nominal(nominal)

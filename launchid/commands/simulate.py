@@ -51,6 +51,9 @@ def add(commands: Any) -> None:
     sub.add_argument("--effect", action="append", dest="effects", metavar="NAME:PARAMETER=VALUE[,PARAMETER=VALUE...]",
                      help="add an effect of the catalogue, see launchid effects; may be given several times (default: "
                           "none)")
+    sub.add_argument("--believed", metavar="NOMINAL.toml",
+                     help="nominal of the estimator on board, which filters with follow ask (default: the one that "
+                          "flies)")
     sub.set_defaults(run=run)
 
 
@@ -59,6 +62,7 @@ def run(args: argparse.Namespace) -> None:
     at_least("--seed", args.seed, 0)
     nominal = read_nominal(args.nominal)
     check_outputs(args.out)
+    args.believed = None if args.believed is None else read_nominal(args.believed)
     report(f"flying {nominal.name}")
     result = simulate(nominal, **given(simulate, args))
     report(f"writing {args.out}")
@@ -68,7 +72,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def simulate(nominal: NominalSource, *, seed: int = 0, suite: str = "flight", period: float | None = None,
-             effects: Effects = ()) -> Flown:
+             effects: Effects = (), believed: NominalSource | None = None) -> Flown:
     """Fly a nominal, and return the flight with its truth.
 
     Parameters
@@ -83,6 +87,8 @@ def simulate(nominal: NominalSource, *, seed: int = 0, suite: str = "flight", pe
     effects : one or several
         Causes of the catalogue, each "NAME:PARAMETER=VALUE,...", a dict such as {"name": "gyro_bias", "rate": 0.01}, or
         an `Effect`.
+    believed : path, name of a built-in one, or Nominal, optional
+        That of the estimator on board, which filters with `follow` ask; None: the one that flies.
 
     Returns
     -------
@@ -95,7 +101,8 @@ def simulate(nominal: NominalSource, *, seed: int = 0, suite: str = "flight", pe
     seed = integer("--seed", seed, 0)
     period = None if period is None else real("--period", period, "a number of seconds")
     chosen = _chosen(effects)
-    flight = fly_whole(nominal, seed, suite, period, effects=chosen)
+    flight = fly_whole(nominal, seed, suite, period, effects=chosen,
+                       believed=None if believed is None else load_nominal(believed))
     said = _beside_the_flight(nominal, flight.period, chosen)
     return Flown(flight, nominal, {"rows": len(flight.t), "period": flight.period, "seed": seed, "lost": flight.lost},
                  said)

@@ -86,7 +86,8 @@ def check_controller(record: Record) -> ControllerCheck | None:
         return None
     seen, reference = (record.z[:, Z_THETA_DOT], record.rate_reference) if own.is_rate_law else \
         (record.z[:, Z_THETA], record.reference)
-    if not np.isfinite(seen - reference).any() or (own.is_rate_law and own.filters):
+    if not np.isfinite(seen - reference).any() or (own.is_rate_law and own.filters) or len(own.reads) > 1 \
+            or own.followed:
         return None
     logged = record.commands if record.logged is None else np.where(record.logged, record.commands, math.nan)
     made = replayed(replace(record.nominal, controller=own), float(record.t[0]), record.period, record.held, logged,

@@ -105,8 +105,10 @@ def law_of(controller: Controller, kp: float | None = None, kd: float | None = N
     kp, kd  [s] replace the controller's gains;  late  periods of computing time, a fraction as the mean over a period
     """
     kp, kd = controller.kp if kp is None else kp, controller.kd if kd is None else kd
-    period = controller.period
-    if controller.is_rate_law:
+    period, rate = controller.period, np.zeros(1)   # numerator of the rate, of a law that reads attitude and rate
+    if controller.law == "gyro":
+        top, rate, bottom = np.array([kp]), np.array([kd]), np.array([1.0])
+    elif controller.is_rate_law:
         step = controller.ki * period
         top, bottom = np.array([kp + step, step]), np.array([1.0, 0.0])
         if step == 0.0:
@@ -115,13 +117,17 @@ def law_of(controller: Controller, kp: float | None = None, kd: float | None = N
         lag = controller.derivative_time_constant + period
         top, bottom = np.array([kp * lag + kd, kp * period]), np.array([lag, period])
     for section in controller.filters:
-        top, bottom = np.convolve(top, delta(section.b)), np.convolve(bottom, delta(section.a))
+        top, rate, bottom = (np.convolve(x, delta(of)) for x, of in ((top, section.b), (rate, section.b),
+                                                                     (bottom, section.a)))
     whole, part = int(late), late - int(late)
     if late > 0.0:
         waits = (*(0.0,) * whole, 1.0 - part, part) if part > 0.0 else (*(0.0,) * whole, 1.0)
-        top, bottom = np.convolve(top, delta(waits)), np.convolve(bottom, delta((1.0, *(0.0,) * (len(waits) - 1))))
+        top, rate, bottom = (np.convolve(x, delta(of)) for x, of in ((top, waits), (rate, waits), (
+            bottom, (1.0, *(0.0,) * (len(waits) - 1)))))
     none = np.zeros_like(top)
-    return Law(none, top, bottom, period) if controller.is_rate_law else Law(top, none, bottom, period)
+    if controller.is_rate_law:
+        return Law(none, top, bottom, period)
+    return Law(top, rate if controller.law == "gyro" else none, bottom, period)
 
 
 def delta(coefficients: tuple[float, ...] | np.ndarray) -> np.ndarray:

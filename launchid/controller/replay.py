@@ -267,6 +267,8 @@ def replay(log: Log, nominal: Nominal) -> Replay | str:
     own = nominal.controller
     if own is None:
         return "the nominal has no [controller]"
+    if len(own.reads) > 1 or own.followed:
+        return "a law that reads the gyro too, or a filter that follows a mode, is not replayed"
     seen, reference = ("theta_dot", "rate_ref") if own.is_rate_law else ("theta", "theta_ref")
     lacking = [name for name in ("beta_cmd", seen, reference) if not np.isfinite(getattr(log, name)).any()]
     if lacking:

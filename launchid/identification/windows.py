@@ -12,6 +12,7 @@ import numpy as np
 from launchid_core import MAX_ROWS, Change, Config, Estimate, Estimator, Model, Sample, Status
 from sim.errors import InputError, UsageError
 from sim.nominal import Nominal
+from sim.onboard import MODELLED, onboard_model
 from sim.sections import SERVO, Offsets
 
 from .. import progress
@@ -25,7 +26,6 @@ from ..log.check import CheckedLog
 from ..log.log import Log
 from ..log.rates import HELD_WORD
 from ..log.steps import with_steps
-from ..onboard import MODELLED, onboard_model
 from ..weakform.rows import FAST_THETA, near_all
 
 PART = 50_000  # samples between two reports of progress: about a fifth of a second

@@ -208,8 +208,8 @@ def _opened(path: str) -> Iterator[TextIO]:
         with open(number, closefd=False, **AS_TEXT) as file:
             yield file
         return
-    from sim.nominal import BUILT_IN, STAND_NOMINALS
-    if path.endswith(".toml") or (path in BUILT_IN + STAND_NOMINALS and not os.path.exists(path)):
+    from sim.nominal import NAMES
+    if path.endswith(".toml") or (path in NAMES and not os.path.exists(path)):
         raise InputError(f"{path}: a nominal; the log comes first: COMMAND LOG NOMINAL")
     if os.path.exists(path) and stat.S_ISFIFO(os.stat(path).st_mode):
         if is_read(path):
@@ -217,7 +217,7 @@ def _opened(path: str) -> Iterator[TextIO]:
     elif not os.path.isfile(path) and not located.is_file():
         what = "neither a file nor a pipe" if os.path.exists(path) else "no such file"
         raise InputError(f"{path}: {what}; " + did_you_mean(
-            path, near_files(path) or (*measured_logs(), *BUILT_IN, *STAND_NOMINALS),
+            path, near_files(path) or (*measured_logs(), *NAMES),
             f"expected a CSV log with the columns t, theta, beta, or one of {', '.join(measured_logs())}"))
     reads(located)
     with open(located, **AS_TEXT) as file:

@@ -42,7 +42,7 @@ def loop_of(seen: CheckedLog, nominal: Nominal) -> Loop:
         return Loop(_command_period(seen, nominal))
     step, controller = float(times[1] - times[0]), nominal.controller
     fit = NO_FIT
-    if controller is not None and not controller.is_rate_law and step <= NOT_SLOWER * controller.period:
+    if controller is not None and controller.law == "attitude" and step <= NOT_SLOWER * controller.period:
         fit = control_fit(columns, "theta", "theta_ref", step, nominal, times)
     explained = math.nan if fit is NO_FIT else fit.explained
     return Loop(_command_period(seen, nominal), fit.gain[0], explained, _servo_speed(columns, step, nominal))

@@ -193,6 +193,6 @@ def of_first(numbers: "First", names: str, differing: str) -> dict[str, str]:
 
 def shown_path(path: str) -> str:
     """Return a path as a command would name it: that of a built-in nominal by its name."""
-    from sim.nominal import BUILT_IN, STAND_NOMINALS, built_in
+    from sim.nominal import NAMES, built_in
     name = Path(path).stem
-    return name if name in BUILT_IN + STAND_NOMINALS and Path(path) == built_in(name) else path
+    return name if name in NAMES and Path(path) == built_in(name) else path

@@ -20,10 +20,10 @@ import numpy as np
 from launchid_core import Change, Estimate
 from sim.errors import InputError
 from sim.nominal import Nominal
+from sim.onboard import onboard_model
 from sim.sections import SERVO, Required
 
 from ..formatting import json_number, servo_lines
-from ..onboard import onboard_model
 from . import flown as fl
 from .airframe import Airframe, Damping, airframe_of
 from .gains import allowed, telling

@@ -21,12 +21,12 @@ from launchid_core import Estimate
 from sim.errors import UsageError
 from sim.flight import packed
 from sim.nominal import Controller, Nominal
+from sim.onboard import onboard_model
 
 from ..controller.fit import FittedLaw, answered, fit_law
 from ..controller.law import Law, law_of
 from ..controller.replay import MIN_COMMANDS, Replay, constants_of, issued, replay, rms
 from ..log.log import Log
-from ..onboard import onboard_model
 from .servo_check import contradictions, followed, words
 
 CONTROLLER, MODEL_MARK, UNCHECKED = "CONTROLLER", "MODEL", "UNCHECKED"   # another controller, another servo, not asked
@@ -353,6 +353,8 @@ def recomputed(log: Log, nominal: Nominal) -> Log | str:
     lacking = [name for name in (seen, reference, "beta") if not np.isfinite(getattr(log, name)).any()]
     if lacking:
         return f"the log has no {' and no '.join(lacking)}"
+    if len(own.reads) > 1 or own.followed:
+        return "its law reads the gyro too, or a filter of it follows a mode"
     held = max(1, round(own.period / log.period))
     if log.period > SLOWER * own.period:
         return f"the log's rows are {log.period:g} s apart, the controller's commands {own.period:g} s"

@@ -32,6 +32,7 @@ computed on board.
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -39,10 +40,9 @@ import numpy as np
 
 from launchid_core import Change, Config, Estimate, Estimator, Sample, Status, Tracked
 from sim.errors import InputError
-from sim.flight import CLOCK_DIGITS, Factor, prepare
+from sim.flight import CLOCK_DIGITS, Factor, prepare, steering
 from sim.nominal import Nominal
 from sim.vehicle.record import LOG_ROW, Vehicle
-from sim.vehicle.step import advance
 
 from ..identification.windows import onboard_model
 from .flight_margins import Servo, declared_servo, judged, miss_words, servo_at
@@ -287,7 +287,7 @@ def fly_legacy(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_fact
     state = vehicle.flight[0]
     every = int(state.log_every)
     rows = np.empty(-(-steps // every), LOG_ROW)
-    advance(vehicle, steps, rows)
+    steering(nominal, vehicle)(vehicle, steps, rows)
     rows = rows[:int(state.rows)]
     gains = np.tile([state.kp, state.kd], (len(rows), 1))
     return Flown(rows, gains, every * float(state.step), bool(state.lost))
@@ -302,17 +302,20 @@ def fly_reconfigured(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
     state = vehicle.flight[0]
     supervisor = Supervisor(believed or nominal, int(state.log_every) * float(state.step))
-    flown = _fly(vehicle, steps, supervisor)
+    flown = _fly(vehicle, steps, supervisor, steering(nominal, vehicle, believed))
     return dataclasses.replace(flown, changes=supervisor.estimator.changes(), decisions=tuple(supervisor.decisions))
 
 
 def fly_knowing(nominal: Nominal, seed: int = 0, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0) -> Flown:
     """Fly with gains that follow the true a6 and k1, TRUTH_DELAY late; the same noise as `fly_legacy`."""
     vehicle, steps = prepare(nominal, seed, "flight", None, a6_factor, k1_factor)
-    return _fly(vehicle, steps, Knowing(nominal, a6_factor, k1_factor))
+    return _fly(vehicle, steps, Knowing(nominal, a6_factor, k1_factor), steering(nominal, vehicle))
 
 
-def _fly(vehicle: Vehicle, steps: int, scheduler: Scheduler) -> Flown:
+FlyOn = Callable[[Vehicle, int, np.ndarray], None]
+
+
+def _fly(vehicle: Vehicle, steps: int, scheduler: Scheduler, fly_on: FlyOn) -> Flown:
     """Fly `steps` steps with the scheduler's gains; it sees new rows every SUPERVISION seconds."""
     state = vehicle.flight[0]
     h, every, tick = float(state.step), int(state.log_every), int(state.control_every)
@@ -321,7 +324,7 @@ def _fly(vehicle: Vehicle, steps: int, scheduler: Scheduler) -> Flown:
     turn = max(1, round(SUPERVISION / (tick * h))) * tick
     for start in range(0, steps, turn):
         seen = int(state.rows)
-        _fly_turn(vehicle, scheduler, range(start, min(start + turn, steps), tick), rows, gains)
+        _fly_turn(vehicle, scheduler, fly_on, range(start, min(start + turn, steps), tick), rows, gains)
         if state.lost:
             break
         new = rows[seen:state.rows].tolist()
@@ -331,7 +334,7 @@ def _fly(vehicle: Vehicle, steps: int, scheduler: Scheduler) -> Flown:
     return Flown(rows[:n], gains[:n], every * h, bool(state.lost))
 
 
-def _fly_turn(vehicle: Vehicle, scheduler: Scheduler, ticks: range, rows: np.ndarray,
+def _fly_turn(vehicle: Vehicle, scheduler: Scheduler, fly_on: FlyOn, ticks: range, rows: np.ndarray,
               gains: np.ndarray) -> None:
     """Fly the steps of `ticks`, a controller period each (in one go once the gains are settled); write rows and
     gains."""
@@ -341,7 +344,7 @@ def _fly_turn(vehicle: Vehicle, scheduler: Scheduler, ticks: range, rows: np.nda
         state.kp, state.kd = scheduler.move(target, state.period)
         settled = scheduler.gains == target
         first = int(state.rows)
-        advance(vehicle, (ticks.stop if settled else min(start + ticks.step, ticks.stop)) - start, rows)
+        fly_on(vehicle, (ticks.stop if settled else min(start + ticks.step, ticks.stop)) - start, rows)
         gains[first:state.rows] = scheduler.gains
         if settled or state.lost:
             return

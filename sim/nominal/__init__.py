@@ -30,15 +30,18 @@ from .reader import parsed, text_of
 from .rewriter import rewrite_nominal
 from .writer import nominal_lines, write_nominal
 
-__all__ = ["BUILT_IN", "Actuator", "Controller", "Diagnosis", "Drift", "Forecast", "Guidance", "Multisine", "Nominal",
+__all__ = ["BUILT_IN", "NAMES", "Actuator", "Controller", "Diagnosis", "Drift", "Forecast", "Guidance", "Multisine",
+           "Nominal",
            "Offsets", "Profile", "Required", "Section", "Sensors", "Simulation", "Wind", "built_in", "constant_profile",
            "load_nominal", "locate", "nominal_lines", "rewrite_nominal", "write_nominal",
            "wrong_feedback"]
 
 DATA = Path(__file__).parents[1] / "data"
-BUILT_IN = ("constant", "vega_like", "greensite_cr826")  # launchers, which fly
+BUILT_IN = ("constant", "vega_like", "greensite_cr826")  # rigid launchers, which fly
+FLEXIBLE = ("cr826_max_q",)  # with slosh and bending
 STAND_NOMINALS = ("pendulum_linear", "servo_xl330", "single_pendulum_linear", "balancing_robot", "tailsitter_roll",
                   "hobby_rocket_tvc", "aeropendulum", "sounding_rocket_roll")  # what others measured: for `diagnose`
+NAMES = BUILT_IN + FLEXIBLE + STAND_NOMINALS
 
 
 def built_in(name: str) -> Path:
@@ -49,7 +52,7 @@ def built_in(name: str) -> Path:
 def locate(text: str) -> Path:
     """Return the path of a nominal given as path, or as name of one in the package if no such file exists."""
     path = Path(text)
-    return built_in(text) if text in BUILT_IN + STAND_NOMINALS and not path.exists() else path
+    return built_in(text) if text in NAMES and not path.exists() else path
 
 
 def wrong_feedback(nominal: Nominal) -> str:
@@ -64,6 +67,5 @@ def wrong_feedback(nominal: Nominal) -> str:
 def load_nominal(path: str | Path) -> Nominal:
     """Read and check a nominal file; InputError in one line if it cannot be used."""
     path = locate(str(path))
-    names = BUILT_IN + STAND_NOMINALS
-    wanted = did_you_mean(path.name, names, f"expected a nominal TOML file or one of {', '.join(names)}")
+    wanted = did_you_mean(path.name, NAMES, f"expected a nominal TOML file or one of {', '.join(NAMES)}")
     return parsed(path, text_of(path, wanted))

@@ -1,17 +1,20 @@
 """Read the sections of a nominal that steer: [actuator], [controller] with its filters, [guidance], [test_input]."""
 
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 from ..errors import InputError
-from ..sections import Actuator, Controller, Guidance, Multisine, Section
+from ..sections import Actuator, Controller, Follow, Guidance, Multisine, Section, lowpass, notch
 from .table import Table
 
-ONLY_ATTITUDE, ONLY_RATE = ("kd", "derivative_time_constant"), ("ki",)  # keys of the controller's laws
+# keys of the controller's laws beside kp and period
+OF_LAW = {"attitude": ("kd", "derivative_time_constant"), "rate": ("ki",), "gyro": ("kd",)}
+OPTIONAL_OF_LAW = ("ki",)
 # keys of a filter by its kind; "": by its coefficients
 FILTER_KINDS = {"": ("b", "a"), "notch": ("frequency", "depth_damping", "width_damping"),
                 "lowpass": ("frequency", "damping_ratio")}
+FOLLOW_RANGE = 0.3  # share of its declared frequency by which a notch may follow a mode up or down
 
 
 def actuator_of(file: Table) -> Actuator | None:
@@ -42,13 +45,11 @@ def controller_of(file: Table) -> Controller | None:
     filters = table.pop("filters", [])
     given = file.values("controller", table)
     law = given.get("law", "attitude")
-    for key in ONLY_RATE if law == "attitude" else ONLY_ATTITUDE:
-        if key in given:
+    for key in dict.fromkeys(key for keys in OF_LAW.values() for key in keys):
+        if key in given and key not in OF_LAW[law]:
             raise InputError(f"{file.path}: key 'controller.{key}' is not of law \"{law}\"; expected it left out")
-    if law == "attitude":
-        file.keys("controller", names, {"kp", "period", *ONLY_ATTITUDE})
-    elif law == "rate":
-        given |= dict.fromkeys(ONLY_ATTITUDE, 0.0)
+    file.keys("controller", names, {"kp", "period", *(key for key in OF_LAW[law] if key not in OPTIONAL_OF_LAW)})
+    given = dict.fromkeys(OF_LAW["attitude"], 0.0) | given
     return Controller(filters=filters_of(file, filters, float(given["period"])), **given)
 
 
@@ -67,9 +68,10 @@ def filter_of(file: Table, place: str, table: object, period: float) -> Section:
     names = FILTER_KINDS.get(kind) if isinstance(kind, str) else None
     if names is None:
         raise file.fail(f"{place}.kind", kind, " or ".join(f'"{word}"' for word in FILTER_KINDS if word))
+    known = (*names, *(("follow", "follow_range") if kind == "notch" else ()))
     for key in table:
-        if key not in {*names, *(["kind"] if kind else [])}:
-            raise InputError(f"{file.path}: unknown key '{place}.{key}'; expected one of {', '.join(names)}")
+        if key not in {*known, *(["kind"] if kind else [])}:
+            raise InputError(f"{file.path}: unknown key '{place}.{key}'; expected one of {', '.join(known)}")
     for key in names:
         if key not in table:
             raise InputError(f"{file.path}: key '{place}.{key}' is missing")
@@ -79,7 +81,29 @@ def filter_of(file: Table, place: str, table: object, period: float) -> Section:
     if not 0.0 < numbers[0] * period < math.pi:
         raise file.fail(f"{place}.frequency", table["frequency"],
                         f"a number above 0 and below {math.pi / period:g} rad/s, half the controller's rate")
-    return tustin(kind, period, *numbers)
+    if kind == "lowpass":
+        return lowpass(period, *numbers)
+    return replace(notch(period, *numbers), follow=follow_of(file, place, table, period, *numbers))
+
+
+def follow_of(file: Table, place: str, table: dict[str, Any], period: float, frequency: float, depth_damping: float,
+              width_damping: float) -> Follow | None:
+    """Return which mode of the file a notch follows, and how far; None if none; InputError if wrong."""
+    if "follow" not in table:
+        if "follow_range" in table:
+            raise InputError(f"{file.path}: key '{place}.follow_range' without follow; expected both, or neither")
+        return None
+    tables = {kind: file.table.get(kind) for kind in ("slosh", "bending")}
+    modes = [f"{kind}{k + 1}" for kind, there in tables.items() if isinstance(there, list) for k in range(len(there))]
+    if table["follow"] not in modes:
+        raise file.fail(f"{place}.follow", table["follow"],
+                        "a mode of this file: " + " or ".join(f'"{mode}"' for mode in modes) if modes else
+                        "a [[slosh]] or [[bending]] in this file, which it names: \"bending1\" is the first")
+    share = file.number(f"{place}.follow_range", table.get("follow_range", FOLLOW_RANGE), above=0.0)
+    if share >= 1.0 or not (1.0 + share) * frequency * period < math.pi:
+        raise file.fail(f"{place}.follow_range", share, "a share below 1 with which the notch stays below "
+                        f"{math.pi / period:g} rad/s, half the controller's rate")
+    return Follow(table["follow"], frequency, depth_damping, width_damping, share)
 
 
 def coefficients_of(file: Table, place: str, table: dict[str, Any]) -> Section:
@@ -119,21 +143,3 @@ def test_input_of(file: Table) -> Multisine | None:
     file.same_length("test_input", columns)
     return Multisine(file.number("test_input.start", table["start"], least=0.0),
                      file.number("test_input.duration", table["duration"], above=0.0), **columns)
-
-
-def tustin(kind: str, period: float, frequency: float, *damping: float) -> Section:
-    """Return a notch or lowpass as discrete section by Tustin's rule, prewarped at w = frequency [rad/s]: s = w/c (z -
-    1)/(z + 1), c = tan(w period/2) (Astrom and Wittenmark, Computer-Controlled Systems, 3rd ed., ch. 8.3).
-
-    damping  notch: of the numerator, of the denominator; lowpass: of the denominator
-    """
-    c = math.tan(0.5 * frequency * period)
-
-    def quadratic(zeta: float) -> tuple[float, float, float]:
-        """c^2/w^2 (s^2 + 2 zeta w s + w^2) (z + 1)^2, powers of z falling."""
-        return 1.0 + 2.0 * zeta * c + c * c, 2.0 * (c * c - 1.0), 1.0 - 2.0 * zeta * c + c * c
-
-    numerator = quadratic(damping[0]) if kind == "notch" else (c * c, 2.0 * c * c, c * c)
-    a0, a1, a2 = quadratic(damping[-1])
-    b0, b1, b2 = numerator
-    return Section((b0 / a0, b1 / a0, b2 / a0), (1.0, a1 / a0, a2 / a0))

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, did_you_mean
-from ..sections import ANYWHERE, AT_REST, InTime, constant
+from ..sections import ANYWHERE, AT_REST, LAWS, InTime, constant
 from .profiles import read_columns
 
 LARGEST_QUANTITY = 1e300  # a number beyond it is no physical quantity
-KEY_CHOICES = {"law": ("attitude", "rate"), "alpha_source": ("inertial", "air"),
+KEY_CHOICES = {"law": LAWS, "alpha_source": ("inertial", "air"),
                "begins": (ANYWHERE, AT_REST)}  # keys that are no numbers
 POSITIVE = {"natural_frequency", "deflection_limit", "period", "step", "duration", "time_constant", "turbulence_time",
             "time_limit", "effort"}

@@ -23,9 +23,10 @@ from ..sections import (
     Nominal,
     Profile,
     Required,
+    Section,
     Slosh,
 )
-from .control import ONLY_ATTITUDE
+from .control import FOLLOW_RANGE, OF_LAW
 from .profiles import DRIFT_COLUMNS, FORECAST, VEHICLE, read_columns
 
 Content = dict[str, Any]   # keys: numbers, texts, lists of numbers, sections, lists of sections
@@ -68,7 +69,7 @@ def content_of(nominal: Nominal, path: str | Path) -> Content:
         if plain is not None and plain not in (Diagnosis(), Required()):
             content[section] = _numbers(plain)
         if isinstance(plain, Controller) and plain.filters:
-            content[section]["filters"] = [{"b": list(each.b), "a": list(each.a)} for each in plain.filters]
+            content[section]["filters"] = [_filter(each) for each in plain.filters]
     for section, modes in (("slosh", nominal.slosh), ("bending", nominal.bending)):
         if modes:
             content[section] = [_mode(mode) for mode in modes]
@@ -115,10 +116,21 @@ def is_section(value: object) -> bool:
 
 def _numbers(part: Any) -> Content:
     """Return the keys of a section that are not their defaults: numbers, lists of numbers, words."""
-    foreign = ONLY_ATTITUDE if isinstance(part, Controller) and part.is_rate_law else ()
+    foreign = [key for keys in OF_LAW.values() for key in keys if key not in OF_LAW[part.law]] \
+        if isinstance(part, Controller) else ()
     return {key.name: list(value) if isinstance(value, tuple) else value
             for key, value in ((key, getattr(part, key.name)) for key in fields(part))
             if key.name not in ("filters", "profile", *foreign) and not _is_default(key, value)}
+
+
+def _filter(section: Section) -> Content:
+    """Return the keys of a filter: its coefficients, or of a notch that follows a mode its numbers."""
+    own = section.follow
+    if own is None:
+        return {"b": list(section.b), "a": list(section.a)}
+    content: Content = {"kind": "notch", "frequency": own.frequency, "depth_damping": own.depth_damping,
+                        "width_damping": own.width_damping, "follow": own.mode}
+    return content if own.reach == FOLLOW_RANGE else content | {"follow_range": own.reach}
 
 
 def _mode(mode: Slosh | Bending) -> Content:

@@ -1,6 +1,9 @@
 """Kernels of a control law: discrete pseudo-derivative, deflection limit, filters."""
 
 from ..kernels import inner
+from ..sections import LAWS
+
+RATE_LAW, GYRO_LAW = LAWS.index("rate"), LAWS.index("gyro")  # numbers of laws in a record
 
 
 @inner

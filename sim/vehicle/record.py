@@ -26,7 +26,7 @@ FLIGHT = record(  # SI units
     *NUMBER_EFFECTS,
     "theta", "theta_dot", "beta", "beta_dot", "gamma",  # state of the vehicle
     "error", "derivative", "integral", "command",       # state of the controller
-    counts=("first_order", "rate_law", "lost",         # 1 yes, 0 no
+    counts=("first_order", "law", "lost",              # 1 yes, 0 no; of the law its number in LAWS
             "control_every", "log_every", "at_once",   # steps; the last of the diagnosis, which takes several at once
             "at", "rows"))                             # the next step; rows written
 CONTROLLER_TICK = record("reference", "rate_reference", "excitation", "noise", "acceleration")  # of a controller period

@@ -14,7 +14,7 @@ import math
 from ..effects import actuator, environment, plant, sensor
 from ..kernels import apart, inner
 from .actuator import POLE_STEP, delayed_command, lag_rate, nozzle_stages, servo_flow
-from .controller import filtered, limited, pseudo_derivative
+from .controller import GYRO_LAW, RATE_LAW, filtered, limited, pseudo_derivative
 
 
 @inner
@@ -28,16 +28,19 @@ def measure(truth, noise, step):
 def control(v, now, noise, filters, computed, commands, tick, theta, theta_dot):
     """Run the controller at the start of period `tick`; write computed[tick], and with noise commands[tick] [rad].
 
-    PD of the attitude's error, or PI of the rate's with the current sample in the integral, which a limited command
-    does not change; then the test input.
+    PD of the attitude's error, its derivative made of the attitude or the gyro's; or PI of the rate's error with the
+    current sample in the integral, which a limited command does not change; then the test input.
     """
     integral = v.integral
-    if v.rate_law == 0:
+    if v.law != RATE_LAW:
         error = measure(theta, noise.theta, v.theta_step) - now.reference
-        if tick == 0:
+        if v.law == GYRO_LAW:
+            v.derivative = measure(theta_dot, noise.theta_dot, v.theta_dot_step) - now.rate_reference
+        else:
+            if tick == 0:
+                v.error = error
+            v.derivative = pseudo_derivative(v.time_constant, v.period, error, v.error, v.derivative)
             v.error = error
-        v.derivative = pseudo_derivative(v.time_constant, v.period, error, v.error, v.derivative)
-        v.error = error
         command = v.kp * error + v.kd * v.derivative
     else:
         error = measure(theta_dot, noise.theta_dot, v.theta_dot_step) - now.rate_reference

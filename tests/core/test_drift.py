@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from launchid.onboard import onboard_model
 from launchid_core import Config, Estimate, Estimator
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import Nominal, load_nominal, nominal_lines
+from sim.onboard import onboard_model
 from sim.sections import Profile
 
 SEEDS = range(3)

@@ -7,12 +7,12 @@ import pytest
 from every import every
 from hidden import draw_spec, fly
 
-from launchid.onboard import REFUSED, onboard_model
 from launchid_core import Config, Estimator, Model
 from sim.effects import CATALOGUE, effect, from_text
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import Nominal, load_nominal
+from sim.onboard import REFUSED, onboard_model
 
 CONSTANT = load_nominal("constant")
 A6, K1 = 0.9, 1.1  # of the nominal's

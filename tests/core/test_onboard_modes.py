@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from launchid.identification.windows import modes_json
-from launchid.onboard import onboard_model
 from launchid_core import Config, Estimate, Estimator, Oscillator
 from sim.effects import from_text
 from sim.errors import InputError
 from sim.flight import Flight, fly_whole
 from sim.nominal import Nominal, load_nominal
+from sim.onboard import onboard_model
 from sim.sections import Bending, InTime, Slosh, constant
 
 CONSTANT = load_nominal("constant")

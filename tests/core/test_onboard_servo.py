@@ -12,12 +12,12 @@ from unjitted import unjitted
 
 import launchid
 from launchid.bound.flights import flight_bound
-from launchid.onboard import onboard_model
 from launchid_core import Config, Estimate, Estimator, Model, Sample
 from launchid_core.filter import servo as sv
 from launchid_core.order import entries
 from sim.flight import fly_whole
 from sim.nominal import Nominal, load_nominal
+from sim.onboard import onboard_model
 
 CONSTANT = load_nominal("constant")
 SIGMA = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}

@@ -19,13 +19,13 @@ from sim.effects import from_text
 from sim.errors import InputError
 from sim.flight import SUITES, Flight, fly, fly_whole
 from sim.nominal import Guidance, Multisine, Nominal, Section, load_nominal, write_nominal
-from sim.nominal.control import tustin
+from sim.sections import lowpass, notch
 from sim.vehicle.controller import filtered
 from sim.vehicle.record import SECTION
 
 PERIOD = 0.01
 RUNGE_KUTTA = 1e-9  # rad: its error over 0.01 rad at a time constant of 20 steps, 20^-4/120/e
-NOTCH, LOWPASS = tustin("notch", PERIOD, 30.0, 0.05, 0.5), tustin("lowpass", PERIOD, 60.0, 0.7)
+NOTCH, LOWPASS = notch(PERIOD, 30.0, 0.05, 0.5), lowpass(PERIOD, 60.0, 0.7)
 RATE = {"law": "rate", "kp": 0.9, "ki": 1.1, "kd": 0.0, "derivative_time_constant": 0.0}
 LAG = {"natural_frequency": math.nan, "damping_ratio": math.nan, "time_constant": 0.04}
 STILL = {"sensors": {"theta_std": 0.0, "theta_dot_std": 0.0, "beta_std": 0.0}, "actuator": {"command_noise_std": 0.0},
@@ -135,6 +135,21 @@ def test_rate_reference_is_its_list_or_the_slope_of_the_attitude_s():
     assert np.isnan(fly_whole(short()).rate_ref).all()
 
 
+# ---- PD with the gyro
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_the_gyro_law_is_pd_of_what_is_measured(suite):
+    """Of the navigation's attitude and the gyro's rate, less their references; the log's command, from its own rows."""
+    gyro = {"law": "gyro", "kp": 1.2, "kd": 0.5, "derivative_time_constant": 0.0}
+    flight = alike(short(controller=gyro, sensors={"theta_std": 0.0, "theta_dot_std": 0.0}), suite)
+    every = round(PERIOD / flight.period)
+    columns = ("theta", "theta_ref", "theta_dot", "rate_ref", "beta_cmd")
+    seen = {name: getattr(flight, name)[::every] for name in columns}
+    expected = 1.2 * (seen["theta"] - seen["theta_ref"]) + 0.5 * (seen["theta_dot"] - seen["rate_ref"])
+    assert not flight.lost and np.allclose(seen["beta_cmd"], expected, rtol=0.0, atol=1e-15)
+
+
 # ---- filters
 
 
@@ -172,10 +187,10 @@ def test_filtered_command_is_lfilter_of_the_law_s(law):
 def test_kinds_are_tustin_s_rule_prewarped():
     w = 40.0
     rate = w / math.tan(0.5 * w * PERIOD) / 2  # of scipy's s = 2 fs (z - 1)/(z + 1)
-    for kind, damping, b in (("notch", (0.1, 0.6), [1, 0.2 * w, w * w]), ("lowpass", (0.6,), [w * w])):
-        section = tustin(kind, PERIOD, w, *damping)
+    for kind, damping, b in ((notch, (0.1, 0.6), [1, 0.2 * w, w * w]), (lowpass, (0.6,), [w * w])):
+        section = kind(PERIOD, w, *damping)
         for ours, theirs in zip((section.b, section.a), bilinear(b, [1, 1.2 * w, w * w], rate), strict=True):
-            assert np.allclose(ours, theirs, rtol=0.0, atol=1e-12), kind
+            assert np.allclose(ours, theirs, rtol=0.0, atol=1e-12), kind.__name__
 
 
 # ---- files
@@ -244,7 +259,8 @@ def filter_of(text: str) -> str:
     (PD + "ki = 1", "key 'controller.ki' is not of law \"attitude\""),
     (PI + "kd = 1", "key 'controller.kd' is not of law \"rate\""),
     (PI + "derivative_time_constant = 1", "key 'controller.derivative_time_constant' is not of law \"rate\""),
-    (PD + 'law = "magic"', "controller.law = 'magic': expected \"attitude\" or \"rate\""),
+    (PD + 'law = "gyro"', "key 'controller.derivative_time_constant' is not of law \"gyro\""),
+    (PD + 'law = "magic"', "controller.law = 'magic': expected \"attitude\" or \"rate\" or \"gyro\""),
     (PD + "law = 3", "controller.law = 3"), (PI + "ki = '1'", "controller.ki = '1'"),
     ("[controller]\nkp = 1\nperiod = 0.01", "key 'controller.derivative_time_constant' is missing"),
     (PI + "[guidance]\nt = [0, 1]", "key 'guidance.theta_ref' is missing"),

@@ -44,7 +44,7 @@ MALFORMED: dict[str, tuple[str | bytes, str]] = {
     "a name that is none": (GOOD.replace('name = "constant"', "name = 3"), "name = 3: expected a text"),
     # ---- values
     "another law": (given("controller", RATE.replace("rate", "bang")),
-                    'controller.law = \'bang\': expected "attitude" or "rate"'),
+                    'controller.law = \'bang\': expected "attitude" or "rate" or "gyro"'),
     "a key of the other law": (given("controller", RATE + "\nkd = 1.0"),
                                "key 'controller.kd' is not of law \"rate\"; expected it left out"),
     "two sorts of servo": (given("actuator", "time_constant = 0.1\ndamping_ratio = 0.7"),

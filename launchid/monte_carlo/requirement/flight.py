@@ -1,23 +1,24 @@
 """One flight of a campaign: drawn by its seed, flown whole inside compiled code, measured for the requirements.
 
 Everything is drawn by the seed alone, each source from its own random stream, so that a flight is the same whoever
-flies it: noise, wind and offsets as `launchid simulate` draws them, and the vehicle by `drawn_delta`.
+flies it: noise, wind and offsets as `launchid simulate` draws them, the vehicle by `drawn_delta`, and slosh and bending
+by `drawn_modes`.  The estimator that filters follow believes the nominal.
 
 Peaks are of the truth, at every integration step, until the flight ends or the vehicle is lost.  `lost` is the
 simulator's: the attitude left what the plant is valid for (`sim.flight.LOST_ANGLE`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from sim.disturbance_draws import drawn_offsets
-from sim.flight import dispersion, prepare
+from sim.disturbance_draws import drawn_modes, drawn_offsets
+from sim.flight import dispersion, prepare, steering
 from sim.kernels import apart
 from sim.nominal import Nominal
-from sim.vehicle.record import LOG_ROW
+from sim.vehicle.record import LOG_ROW, Vehicle
 from sim.vehicle.step import advance
 
 from ..campaign import drawn_delta
@@ -76,9 +77,12 @@ class Flyer:
         simulation = nominal.simulation
         assert simulation is not None
         factors = (1.0, 1.0) if nominal.uncertainty is None else dispersion(nominal, job.delta_a6, job.delta_k1)
-        vehicle, steps = prepare(nominal, job.seed, "flight", simulation.step, *factors)
-        peaks = np.zeros(len(METRICS))
-        fly_for_peaks(vehicle, steps, np.zeros(ROWS_AT_A_TIME, LOG_ROW), peaks)
+        vehicle, steps = prepare(drawn_modes(nominal, job.seed), job.seed, "flight", simulation.step, *factors)
+        peaks, rows, fly_on = np.zeros(len(METRICS)), np.zeros(ROWS_AT_A_TIME, LOG_ROW), steering(nominal, vehicle)
+        if fly_on is advance:
+            fly_for_peaks(vehicle, steps, rows, peaks)
+        else:
+            follow_for_peaks(vehicle, fly_on, steps, rows, peaks)
         offsets = {f"{OFFSET_PREFIX}{name}": value for name, value in drawn_offsets(nominal.offsets, job.seed).items()}
         state = vehicle.flight[0]
         return {"lost": int(state.lost), "end": int(state.at) * simulation.step,
@@ -98,12 +102,30 @@ def fly_for_peaks(vehicle, steps, rows, peaks):
     for start in range(0, steps, len(rows)):
         state.rows = 0
         advance(vehicle, min(len(rows), steps - start), rows)
-        for k in range(state.rows):
-            row = rows[k]
-            peaks[0] = max(peaks[0], abs(row.true_theta - row.theta_ref))
-            peaks[1] = max(peaks[1], abs(row.true_theta_dot))
-            peaks[2] = max(peaks[2], abs(row.true_theta - row.true_gamma + row.wind))
-            peaks[3] = max(peaks[3], abs(row.true_beta))
-            peaks[4] = max(peaks[4], abs(row.true_beta_dot))
+        take_peaks(rows, state.rows, peaks)
         if state.lost != 0:
+            return
+
+
+@apart
+def take_peaks(rows, count, peaks):
+    """Record the largest magnitudes of the true motion in the first `count` rows, LOG_ROW; peaks as `fly_for_peaks`."""
+    for k in range(count):
+        row = rows[k]
+        peaks[0] = max(peaks[0], abs(row.true_theta - row.theta_ref))
+        peaks[1] = max(peaks[1], abs(row.true_theta_dot))
+        peaks[2] = max(peaks[2], abs(row.true_theta - row.true_gamma + row.wind))
+        peaks[3] = max(peaks[3], abs(row.true_beta))
+        peaks[4] = max(peaks[4], abs(row.true_beta_dot))
+
+
+def follow_for_peaks(vehicle: Vehicle, fly_on: Callable[[Vehicle, int, np.ndarray], None], steps: int,
+                     rows: np.ndarray, peaks: np.ndarray) -> None:
+    """Fly as `fly_for_peaks`, by `fly_on`, which has an estimator in the loop."""
+    state = vehicle.flight[0]
+    for start in range(0, steps, len(rows)):
+        state.rows = 0
+        fly_on(vehicle, min(len(rows), steps - start), rows)
+        take_peaks(rows, int(state.rows), peaks)
+        if state.lost:
             return

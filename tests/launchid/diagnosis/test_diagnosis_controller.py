@@ -18,8 +18,7 @@ from launchid.diagnosis.verdict import diagnose
 from launchid.log.detect import check
 from launchid.log.log import OPTIONAL, REQUIRED
 from sim.effects import from_text
-from sim.nominal.control import tustin
-from sim.sections import Multisine
+from sim.sections import Multisine, lowpass, notch
 
 
 def test_the_controllers_mismatch_is_named_exactly():
@@ -84,7 +83,7 @@ def test_a_computing_time_longer_than_the_log():
 
 TICK = NOMINAL.controller.period
 FILTERED = dataclasses.replace(NOMINAL, controller=dataclasses.replace(NOMINAL.controller, filters=(
-    tustin("notch", TICK, 30.0, 0.05, 0.5), tustin("lowpass", TICK, 60.0, 0.7))))
+    notch(TICK, 30.0, 0.05, 0.5), lowpass(TICK, 60.0, 0.7))))
 
 
 def told_of_filtered(effect, rows=slice(None), period=None):

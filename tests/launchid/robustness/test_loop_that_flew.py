@@ -9,13 +9,13 @@ from shortened import short
 
 import launchid
 from launchid.controller.replay import Replay, replay, rms
-from launchid.onboard import onboard_model
 from launchid.robustness.loops import loops, plants_of
 from launchid.robustness.margin_spread import MARGIN_NAMES, margin_table
 from launchid.robustness.servo_check import contradictions, followed
 from launchid.sources import read_log
 from sim.effects import effect
 from sim.nominal import Nominal, Section
+from sim.onboard import onboard_model
 
 CONSTANT = short(30.0)
 PD = CONSTANT.controller

@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 
 from launchid_core import SLOWEST, Model, Oscillator
-from sim.disturbance_draws import sources
-from sim.effects import values
-from sim.effects.actuator import slowed
-from sim.errors import InputError
-from sim.flight import gyro_shares, modes_of, packed, parameters
-from sim.nominal import Nominal
-from sim.sections import MOST_MODES, SERVO, UNKNOWN_WIND, Actuator, Slosh
-from sim.vehicle.actuator import FIRST_ORDER_DAMPING
+
+from .disturbance_draws import sources
+from .effects import values
+from .effects.actuator import slowed
+from .errors import InputError
+from .flight import gyro_shares, modes_of, packed, parameters
+from .nominal import Nominal
+from .sections import MOST_MODES, SERVO, UNKNOWN_WIND, Actuator, Slosh
+from .vehicle.actuator import FIRST_ORDER_DAMPING
 
 SMALLEST_STD = 1.0e-9  # of a noise in a model
 LARGEST_STD = 1.0e6
