@@ -130,7 +130,8 @@ def _commands(r: Record, start: np.ndarray, theta: np.ndarray) -> np.ndarray | N
     law, actuator = r.nominal.controller, r.nominal.actuator
     known = np.isfinite(r.reference) & np.isfinite(r.z[:, 0])
     if law is None or actuator is None or law.law != "attitude" or law.filters or r.input != "beta_cmd" \
-            or not known.any() or r.every != r.tick or r.held > 1 or abs(r.period / law.period - 1.0) > HORIZON_TOLERANCE:
+            or not known.any() or r.every != r.tick or r.held > 1 \
+            or abs(r.period / law.period - 1.0) > HORIZON_TOLERANCE:
         return None
     changes, tau = packed(r.nominal), law.derivative_time_constant
     kp, kd, lag = changes.kp_scale * law.kp, changes.kd_scale * law.kd, changes.computing_time / law.period

@@ -159,7 +159,8 @@ def on_grid(log: Log, nominal: Nominal, data: DataCheck, between: bool = False) 
     reference, command = column("theta_ref"), column("beta_cmd")
     first_step = round(t[0] / step) if 0.0 <= t[0] <= LATEST_FLIGHT else 0
     shift = round(float(t[0]) - first_step * step, CLOCK_DIGITS)
-    law = own if own is not None and (own.filters or own.law != "attitude") else None   # whose command is not recomputed
+    # whose command is not recomputed
+    law = own if own is not None and (own.filters or own.law != "attitude") else None
     moved = [effect(of.name, **{name: value - shift if name in CLOCKED and not isinstance(value, str) else value
                                 for name, value in values(of).items()}) for of in nominal.effects]
     nominal = replace(nominal, effects=tuple(moved), controller=own if law is None else None)
