@@ -24,12 +24,12 @@ import numpy as np
 from flights import INTERVAL, Table, arguments, in_air, nominal, run_jobs
 
 from launchid.bound.flights import known_state_information
-from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator
 from launchid_core.watch.changes import THRESHOLD
 from sim.effects import from_text
 from sim.flight import Factor, Flight, dispersion, fly_whole
 from sim.nominal import Nominal
+from sim.onboard import onboard_model
 
 LOSS = 0.3
 TURBULENCE = 0.01  # rad

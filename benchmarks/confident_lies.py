@@ -24,13 +24,14 @@ from flights import OFFSETS, WIND, Table, arguments, nominal, run_jobs
 
 from launchid.diagnosis.answer import report
 from launchid.diagnosis.verdict import diagnose
-from launchid.identification.windows import onboard_model, run
+from launchid.identification.windows import run
 from launchid.judge.refusal import withdrawn
 from launchid.likelihood.estimate import information
 from launchid.log.log import flown_log
 from launchid_core import Config, EstimateStatus
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters
+from sim.onboard import onboard_model
 
 LARGE = ("steady_wind:angle=0.03", "thrust_misalignment:angle=0.004", "attitude_bias:angle=0.005",
          "slosh:coupling=0.05,frequency=3.5", "periodic_disturbance:amplitude=0.01,frequency=5",

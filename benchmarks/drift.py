@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from flights import INTERVAL, Table, arguments, nominal, relative, run_jobs
 
-from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator
 from sim.flight import fly_whole, parameters
+from sim.onboard import onboard_model
 
 WINDOW = 5.0   # s
 SPREAD = 0.15  # of a6 and k1 at first

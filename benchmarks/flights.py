@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from launchid.identification.windows import onboard_model, run
+from launchid.identification.windows import run
 from launchid_core import Config, Estimate, Tracked
 from sim.flight import Flight, is_whole
 from sim.nominal import Multisine, Nominal, Offsets, Wind, built_in, load_nominal
+from sim.onboard import onboard_model
 
 NOMINALS = ("constant", "vega_like", "greensite_cr826")
 FACTORS = 5  # theta, theta_dot, beta, command, acceleration

@@ -25,10 +25,10 @@ import numpy as np
 from flights import Table, arguments, in_air, nominal
 
 from launchid.c_export.program import c_files
-from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator, Sample, Status
 from launchid_core.algebra.library import LIBRARIES
 from sim.flight import fly_whole
+from sim.onboard import onboard_model
 
 HERE = Path(__file__).parent
 CC, FAST = "gcc", ("-O3", "-march=native")

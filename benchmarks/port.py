@@ -22,9 +22,9 @@ from port_stack import graph_of
 
 from launchid.c_export.kit import exported
 from launchid.c_export.vectors import flown
-from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator, Sample
 from sim.flight import fly
+from sim.onboard import onboard_model
 
 NOMINAL = "constant"
 SEED = 1

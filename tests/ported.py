@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from launchid.c_export.program import c_files
-from launchid.identification.windows import onboard_model
 from launchid.robustness.level import ranged_model
 from launchid_core import Config, Sample
 from sim.effects import from_text
 from sim.flight import fly
 from sim.nominal import Nominal, load_nominal
+from sim.onboard import onboard_model
 from sim.sections import Bending, Drift, InTime, Offsets, Slosh, Wind, constant
 
 CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 from sim.errors import UsageError
 
 from .. import progress
-from ..argument_checks import DEFAULT_WINDOW, Default, real, window_for
+from ..argument_checks import DEFAULT_WINDOW
 from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import (
     LOG_HELP,
@@ -116,12 +116,9 @@ def identify(log: LogSources, nominal: NominalSource | None = None, *, window: f
     Identification
         Of a list of logs a JointAnswer, which holds that of each.
     """
-    from ..identification.windows import identified, is_weak, log_config, refuse_too_long, report_of, servo_note
-    from ..log.check import profile_note
-    from ..log.commanded import with_nozzle
-    from ..log.phases import checked_flight
+    from ..identification.log import identified_log
     from ..report.headline import of_identified, shown_path
-    from ..robustness import level
+    from ..report.identification import report_of
     from ..sources import is_several, load_nominal, read_log, several_logs
     nominal = None if nominal is None else load_nominal(nominal)
     if is_several(log):
@@ -132,39 +129,18 @@ def identify(log: LogSources, nominal: NominalSource | None = None, *, window: f
         found = [cast("Identification", identify(each, nominal, **asked))
                  for each in progress.each(several_logs(log), "logs identified")]
         return joined(found, nominal) if len(found) > 1 else found[0]
-    log = read_log(cast("LogSource", log))
-    choices = {"solver": solver, "threshold": threshold, "compression": compression, "seed": seed, "noise": noise}
-    if not isinstance(window, (str, Default)):
-        window = real("--window", window, "seconds or 'all'")
-    seen = checked_flight(log, nominal, strict=strict)
-    seen, believed, said = with_nozzle(seen, nominal)
-    log, said = seen.log, (*seen.warnings, *said)
-    window = window_for(window, log)
-    if window == "all":
-        refuse_too_long(log)
-    weak = is_weak(log, nominal, formulation, library, choices)
-    optional = ("theta_dot",) if weak and library is None and nominal is None else ()
-    library = ("theta,beta,1" if optional else "rigid-body") if library is None else library
-    config = log_config(log, believed, str(window), formulation, tracked, seen.bridged, library=library, **choices)
-    if config.missing_commands > 0.0:
-        said += (f"{log.path}: slower than the controller: the commands between its rows are taken as held, and the "
-                 "standard deviations are wider for it",)
-    if config.formulation == "filtered":
-        said += servo_note(log, nominal, config)
-    if config.formulation == "filtered" and not seen.foreign:
-        said += profile_note(nominal, level.log_span(log)[1], log.path)
-    result = identified(config, seen, weak, optional)
-    said += result.warnings
-    if result.is_held:
-        said += (f"{log.path}: beta is integrated as held from each of its values to the next",)
-    fitted = result.judged.fitted if weak else result.estimates
+    made = identified_log(read_log(cast("LogSource", log)), nominal, window=window, tracked=tracked, library=library,
+                          formulation=formulation, strict=strict, solver=solver, threshold=threshold,
+                          compression=compression, seed=seed, noise=noise)
+    log, result = made.log, made.result
+    fitted = result.judged.fitted if result.is_weak else result.estimates
     report = report_of(result, tracked)
     believes = None if nominal is None else shown_path(nominal.path or nominal.name)
     report |= of_identified(report, log.path, log.options, believes,
                             nominal is not None and nominal.controller is not None)
-    changes = result.estimator.changes() if config.formulation == "filtered" else ()
-    return Identification(log, nominal, result.config, result.judged.estimates, fitted, report, library, changes, said,
-                          weak, result.judged.late)
+    changes = result.estimator.changes() if result.config.formulation == "filtered" else ()
+    return Identification(log, nominal, result.config, result.judged.estimates, fitted, report, made.library, changes,
+                          made.warnings, result.is_weak, result.judged.late)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,8 +164,8 @@ class Identification(Answer):
     late: Late | None = None   # how beta acts in them later than it is logged
 
     def summary(self) -> str:
-        from ..identification.windows import table
         from ..report.headline import closing
+        from ..report.identification import table
         c = self.config
         how = "weak" if self.is_weak else c.formulation
         head = (f"{self.log.path}: formulation {how}, library {self.library}, solver {c.solver}, window "

@@ -112,7 +112,8 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
     InputError
         A nominal without [actuator], or with a loop that is not modelled.
     """
-    from ..identification.windows import identified, log_config, servo_note
+    from ..identification.config import log_config, servo_note
+    from ..identification.windows import identified
     from ..log.commanded import measured_alone, with_nozzle
     from ..log.phases import checked_flight
     from ..robustness.airframe import is_command, told_damping, with_damping, with_unknown_servo, without_nozzle
@@ -148,29 +149,32 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
 
 def _with_damping(log: Log) -> Sequence[Estimate]:
     """Return the windows of a log by the weak form, without a nominal, with the damping of its rate among the terms."""
-    from .identify import Identification, identify
+    from ..identification.log import identified_log
+    from ..sources import read_log
     try:
-        found = identify(log, window=DAMPING_WINDOW, library=DAMPING_LIBRARY)
+        return identified_log(read_log(log), window=DAMPING_WINDOW, library=DAMPING_LIBRARY).result.judged.estimates
     except InputError:   # too short, for one
         return []
-    return found.estimates if isinstance(found, Identification) else []
 
 
 def _alone(log: LogSource, window: float, strict: bool, asked: Choice) -> FlightMargins:
     """Return the margins out of a log alone."""
-    from ..identification.windows import why
+    from ..identification.log import identified_log
+    from ..report.headline import of_identified as headline_of
+    from ..report.identification import report_of, why
     from ..robustness import flight_margins as fm
     from ..robustness.log_alone import margins_alone
-    from .identify import Identification, identify
-    found = identify(log, window=window, strict=strict)
-    assert isinstance(found, Identification)
-    windows, servo, flown = margins_alone(found.log, found.estimates, found.late, found.report.get("delay"), asked)
+    from ..sources import read_log
+    found = identified_log(read_log(log), window=window, strict=strict)
+    answer = report_of(found.result)
+    answer |= headline_of(answer, found.log.path, found.log.options, None, False)
+    judged = found.result.judged
+    windows, servo, flown = margins_alone(found.log, judged.estimates, judged.late, answer.get("delay"), asked)
     report = fm.report(windows, servo, Required(), False, flown)
     if not any(each["valid"] for each in report["windows"]):
         report["why"] = why(report["windows"]).replace("is valid", "has margins")
-    if "next" in found.report:
-        report["next"] = found.report["next"]
-    return FlightMargins(found.log, None, found.config, windows, servo, report, found.warnings)
+    report["next"] = answer["next"]
+    return FlightMargins(found.log, None, found.result.config, windows, servo, report, found.warnings)
 
 
 def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequence[Estimate],
@@ -179,7 +183,7 @@ def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequenc
     """Return the stability margins of the windows that `identify` has estimated (`filtered`); tracked: also of its
     tracked estimates; warnings: become the result's; asked: which controller's; damping: of the airframe, as the log
     tells it and `nominal` has it."""
-    from ..identification.windows import next_step, why
+    from ..report.identification import next_step, why
     from ..robustness import flight_margins as fm
     from ..robustness.flown import loop_that_flew
     declared = fm.declared_servo(nominal)

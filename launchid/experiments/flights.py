@@ -9,8 +9,9 @@ import numpy as np
 from launchid_core import Config
 from sim.flight import Flight, dispersion, fly_whole, parameters
 from sim.nominal import Nominal, Profile, built_in, load_nominal
+from sim.onboard import onboard_model
 
-from ..identification.windows import identified, onboard_model, run
+from ..identification.windows import identified, run
 from ..log.check import CheckedLog, checked
 from ..log.log import flown_log
 from .cases import CASES, Case, Variant

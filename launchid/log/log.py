@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 MEASURED_LOGS = Path(sim.__file__).parent / "data" / "logs"  # that come with the package
 STANDARD_INPUT = "-"
 SHORTEST_STEP = 1.0e-6  # s between samples, the estimator's least: stamps that are nearer are no times
+NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last one belongs to the log's clock
 FED = 4096         # rows that are samples at a time
 MOVING_COLUMNS = ("theta", "theta_dot", "beta")  # where anything moves
 
@@ -141,6 +142,15 @@ class Log(Result):
                 "no two increasing time stamps, so there is no sample period"
             raise InputError(f"{self.path}: column t: {remedy}")
         return period
+
+    def span(self) -> tuple[float, float]:
+        """Return the first and last time [s]; a stamp without neighbour within NEIGHBOUR sample periods is a bad one,
+        not the log's end."""
+        t = self.t[np.isfinite(self.t)]
+        step = np.diff(t)
+        near = (step > 0.0) & (step <= NEIGHBOUR * self.period)
+        kept = t[np.append(near, False) | np.insert(near, 0, False)]
+        return float(np.min(kept)), float(np.max(kept))
 
     @np.errstate(over="ignore")
     def check_clock(self) -> float | None:

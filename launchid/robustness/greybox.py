@@ -31,12 +31,13 @@ import numpy as np
 from launchid_core import Config
 from sim.errors import InputError
 from sim.nominal import Nominal, Profile, constant_profile
+from sim.onboard import onboard_model
 
-from ..identification.windows import onboard_model, run
+from ..identification.windows import run
 from ..judge.line import undeclared_line
 from ..log.check import CheckedLog
 from ..monte_carlo.requirement.sequential import wilks_rank
-from .level import UNCERTAIN_PARAMETERS, log_span, require_cover
+from .level import UNCERTAIN_PARAMETERS, require_cover
 
 BIN = 10.0          # s: long enough for a window's own data to say something of a6 and k1 in a calm flight
 MIN_FLIGHTS = 10    # of a bin: below it the normal's factor is above 3.1
@@ -90,7 +91,7 @@ def deviations(seen: CheckedLog, nominal: Nominal) -> Deviations:
         raise InputError(f"{log.path}: {mode.words}")
     model = onboard_model(nominal, log.period, log.path)
     require_cover(log, nominal, nominal.vehicle, "vehicle")
-    first, last = log_span(log)
+    first, last = log.span()
     rows = math.floor(min(BIN, last - first + log.period) / log.period + 1e-6)
     if rows < ROWS_LEAST:
         raise InputError(f"{log.path}: {rows} rows; expected at least {ROWS_LEAST} for a flight")

@@ -4,20 +4,18 @@ import dataclasses
 import math
 from typing import Any
 
-import numpy as np
-
 from launchid_core import BANDS, Config, Estimate, Level, Model, Uncertainty
 from sim.errors import InputError
 from sim.nominal import Nominal, Profile
+from sim.onboard import onboard_model
 
 from ..formatting import json_number, with_std
-from ..identification.windows import onboard_model, run
+from ..identification.windows import run
 from ..judge.nominal import tested
 from ..log.check import CheckedLog
 from ..log.log import Log
 
 UNCERTAIN_PARAMETERS = ("a6", "k1")
-NEIGHBOUR = 1.5  # sample periods: a stamp this close to the next or the last one belongs to the log's clock
 
 
 def ranged_model(nominal: Nominal, period: float | None = None, path: str = "") -> Model:
@@ -30,22 +28,12 @@ def ranged_model(nominal: Nominal, period: float | None = None, path: str = "") 
                                sigma_k1=tuple(sigma.k1))
 
 
-def log_span(log: Log) -> tuple[float, float]:
-    """Return the first and last time [s] of the log; a stamp without neighbour within NEIGHBOUR sample periods is a bad
-    one, not the log's end."""
-    t = log.t[np.isfinite(log.t)]
-    step = np.diff(t)
-    near = (step > 0.0) & (step <= NEIGHBOUR * log.period)
-    kept = t[np.append(near, False) | np.insert(near, 0, False)]
-    return float(np.min(kept)), float(np.max(kept))
-
-
 def require_cover(log: Log, nominal: Nominal, profile: Profile, section: str) -> None:
     """Raise InputError unless the profile of `section` covers the log's times to a sample; one node covers all
     times."""
     if len(profile.t) == 1:
         return
-    first, last = log_span(log)
+    first, last = log.span()
     if profile.t[0] > first + log.period or profile.t[-1] < last - log.period:
         raise InputError(f"{profile.path or nominal.path}: column t: the profile of [{section}] covers "
                          f"{profile.t[0]:g}..{profile.t[-1]:g} s; expected {first:g}..{last:g} s, "

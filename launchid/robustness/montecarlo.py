@@ -18,8 +18,9 @@ from launchid_core import Config
 from sim.errors import UsageError
 from sim.flight import Factor, dispersion, fly_whole
 from sim.nominal import Nominal, load_nominal
+from sim.onboard import onboard_model
 
-from ..identification.windows import onboard_model, run
+from ..identification.windows import run
 from ..monte_carlo.campaign import Job
 from .reconfigure import Flown, fly_legacy, fly_reconfigured
 

@@ -42,9 +42,9 @@ from launchid_core import Change, Config, Estimate, Estimator, Sample, Status, T
 from sim.errors import InputError
 from sim.flight import CLOCK_DIGITS, Factor, prepare, steering
 from sim.nominal import Nominal
+from sim.onboard import onboard_model
 from sim.vehicle.record import LOG_ROW, Vehicle
 
-from ..identification.windows import onboard_model
 from .flight_margins import Servo, declared_servo, judged, miss_words, servo_at
 
 READING_PERIOD = 0.2  # s of the estimator: how often the tracked estimate is read

@@ -13,20 +13,14 @@ import numpy as np
 from launchid_core import EDGES, Config, Estimate, EstimateStatus, Estimator, Status
 from sim.errors import InputError, Told, UsageError
 from sim.nominal import Nominal
+from sim.onboard import onboard_model
 
 from ..formatting import json_number, servo_lines
-from ..identification.windows import (
-    REASONS,
-    actuator_json,
-    change_json,
-    log_config,
-    onboard_model,
-    report,
-    tracked_json,
-)
+from ..identification.config import log_config
 from ..judge.refusal import disbelieved
 from ..log.live import LiveCheck
 from ..log.log import Log, log_of
+from ..report.identification import REASONS, actuator_json, change_json, report, tracked_json
 from ..robustness.level import level_json, ranged_model
 from .last_rows import LastRows
 from .live import Live, Row

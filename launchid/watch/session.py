@@ -10,10 +10,10 @@ from sim.result import Columns
 
 from ..argument_checks import DEFAULT_WINDOW
 from ..convert.mapping import Map
-from ..identification.windows import table
 from ..log.check import profile_note
 from ..log.cut import WHOLE, Cut
 from ..report.answer import Answer, flat
+from ..report.identification import table
 from .follower import Follower
 from .lines import Lines
 from .server import Server

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as hs
 from shortened import CALM, WINDY
 
-from launchid.identification.windows import onboard_model
 from launchid.robustness.level import ranged_model
 from launchid_core import Config, Estimator, Sample, Status, checkpoint
 from sim.effects import from_text
 from sim.flight import fly
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 
 PERIOD = 0.01
 WINDOW = 0.25           # s: 25 samples, no multiple of the filter's blocks of ten

@@ -17,11 +17,11 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as hs
 from numba.core.runtime import _nrt_python, rtsys
 
-from launchid.identification.windows import onboard_model
 from launchid_core import FORMULATIONS, SOLVERS, Config, Estimate, EstimateStatus, Estimator, Sample, Status, kernels
 from launchid_core.gate import ring as rb
 from launchid_core.order.entries import entries_of
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 
 NAN, INF = math.nan, math.inf
 JIT = not numba.config.DISABLE_JIT

@@ -17,12 +17,12 @@ from cut import fed, flip, persisting, reseal
 from test_estimator import trajectory
 from unjitted import unjitted
 
-from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core.filter import filtered
 from launchid_core.order.memory import named_arrays
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 from sim.sections import Offsets, Wind
 
 is_sound = unjitted(filtered.is_sound)

@@ -19,10 +19,10 @@ from cut import flip, persisting
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimate, Estimator, Sample, Status
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 
 NAN, INF = math.nan, math.inf
 PERIOD = 0.02        # s: rows of a window are few, so that the sweep is over in minutes

@@ -12,7 +12,7 @@ from hypothesis import strategies as hs
 from unjitted import unjitted
 
 from launchid.bound.flights import flight_bound
-from launchid.identification.windows import onboard_model, run
+from launchid.identification.windows import run
 from launchid.test_input import plan
 from launchid_core import Config, Estimator, Sample
 from launchid_core.algebra import linsolve
@@ -20,6 +20,7 @@ from launchid_core.filter import kalman as km
 from launchid_core.filter import servo as sv
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 
 linalg = pytest.importorskip("scipy.linalg")
 

@@ -10,12 +10,12 @@ import pytest
 from cut import cut_of, moments
 from unjitted import unjitted
 
-from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator
 from launchid_core.filter import states as sx
 from launchid_core.watch import changes as ch
 from launchid_core.watch import tracker as tr
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 
 absorb, mix, move, track = map(unjitted, (tr.absorb, tr.mix, tr.move, tr.track))
 follow_onset, onset_time, open_onset, raise_alarm = map(unjitted, (

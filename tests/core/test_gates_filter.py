@@ -9,7 +9,6 @@ from cut import cut_of, fed, reseal
 from cut import take as take_row
 from unjitted import unjitted
 
-from launchid.identification.windows import onboard_model
 from launchid_core import Config, Estimator, Sample
 from launchid_core.filter import filtered as fl
 from launchid_core.filter import kalman as km
@@ -18,6 +17,7 @@ from launchid_core.filter import structure as sr
 from launchid_core.watch import report as rp
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 
 begins_anew, delayed_input, start_segment, take_command, update_levels, relax_levels = map(unjitted, (
     km.begins_anew, km.delayed_input, km.start_segment, km.take_command, fl.update_levels, fl.relax_levels))

@@ -9,12 +9,13 @@ import pytest
 from cut import cut_of, moments, reseal
 from unjitted import unjitted
 
-from launchid.identification.windows import onboard_model, run
+from launchid.identification.windows import run
 from launchid_core import Config, Estimator
 from launchid_core.watch import gusts as gu
 from sim.effects import from_text
 from sim.flight import Flight, fly_whole
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 from sim.sections import Offsets, Wind
 
 CALM = load_nominal("constant")

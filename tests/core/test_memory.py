@@ -8,7 +8,6 @@ import pytest
 from numba.core import event
 from shortened import CALM, WINDY
 
-from launchid.identification.windows import onboard_model
 from launchid.robustness.level import ranged_model
 from launchid_core import Config, Estimator
 from launchid_core.algebra.library import MAX_TERMS, polynomial
@@ -17,6 +16,7 @@ from launchid_core.order.memory import size_of
 from launchid_core.order.table import LARGEST_SIZE, WORK
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 from sim.sections import Wind
 
 UNSURE = dataclasses.replace(CALM, actuator=dataclasses.replace(

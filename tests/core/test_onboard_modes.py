@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from launchid.identification.windows import modes_json
+from launchid.report.identification import modes_json
 from launchid_core import Config, Estimate, Estimator, Oscillator
 from sim.effects import from_text
 from sim.errors import InputError

@@ -12,7 +12,7 @@ from cut import copied, cut_of, fed, scratch, take
 from shortened import CALM, WINDY
 from unjitted import unjitted
 
-from launchid.identification.windows import onboard_model, run
+from launchid.identification.windows import run
 from launchid_core import Config, Estimate, Estimator, Model, Status
 from launchid_core.filter import filtered as fl
 from launchid_core.filter import kalman as km
@@ -26,6 +26,7 @@ from sim.effects import from_text
 from sim.errors import InputError
 from sim.flight import Flight, fly_whole
 from sim.nominal import Drift, Nominal, Offsets, Wind
+from sim.onboard import onboard_model
 
 linalg = pytest.importorskip("scipy.linalg")
 

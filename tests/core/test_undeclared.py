@@ -9,8 +9,9 @@ import pytest
 from cut import carried, cut_of, fed, reseal
 from unjitted import unjitted
 
-from launchid.identification.windows import next_step, onboard_model, report, run
+from launchid.identification.windows import run
 from launchid.judge.refusal import withdrawn
+from launchid.report.identification import next_step, report
 from launchid.robustness.level import ranged_model
 from launchid_core import Config, EstimateStatus, Estimator, Status
 from launchid_core.filter import states as sx
@@ -19,6 +20,7 @@ from launchid_core.watch import undeclared as un
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 from sim.sections import Offsets, Wind
 
 NOMINALS = ("constant", "vega_like", "greensite_cr826")

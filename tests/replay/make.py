@@ -20,12 +20,12 @@ FOLDER = Path(__file__).resolve().parent
 if __name__ == "__main__":
     sys.path.insert(0, str(FOLDER.parents[1]))
 
-from launchid.identification.windows import onboard_model  # noqa: E402
 from launchid.robustness.level import ranged_model  # noqa: E402
 from launchid_core import Change, Config, Estimate, Estimator, Sample, Status  # noqa: E402
 from sim.effects import from_text  # noqa: E402
 from sim.flight import fly  # noqa: E402
 from sim.nominal import load_nominal  # noqa: E402
+from sim.onboard import onboard_model  # noqa: E402
 from sim.sections import Offsets, Wind  # noqa: E402
 
 DECIMALS = 9    # of a sample's fields: far below any sensor's noise, and rows that a reader can take in

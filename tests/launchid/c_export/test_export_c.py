@@ -33,12 +33,12 @@ from ported import (
     written,
 )
 
-from launchid.identification.windows import onboard_model
 from launchid.main import main
 from launchid_core import BANDS, Change, Config, Estimate, Estimator, Sample, Status
 from launchid_core.model import OFFSETS
 from launchid_core.order.entries import calls_of
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 
 NAN = math.nan
 FILES = ("Launchid.cpp", "Launchid.fpp", "Launchid.hpp", "Makefile", "README.md", "launchid_cfs.c", "launchid_sfun.c",

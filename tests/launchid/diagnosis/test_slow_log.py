@@ -5,13 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from launchid.identification.windows import onboard_model, run
+from launchid.identification.windows import run
 from launchid.log.log import write_flight
 from launchid.main import main
 from launchid_core import Config
 from sim.errors import InputError
 from sim.flight import fly_whole
 from sim.nominal import load_nominal
+from sim.onboard import onboard_model
 
 PERIOD = 0.01  # of the constant nominal's controller
 

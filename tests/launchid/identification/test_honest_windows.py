@@ -17,7 +17,7 @@ import pytest
 from unjitted import unjitted
 
 from launchid.commands.identify import identify
-from launchid.identification.windows import onboard_model, run
+from launchid.identification.windows import run
 from launchid.judge.refusal import disbelieved
 from launchid.log.check import checked
 from launchid.log.log import Log, flown_log, log_of, read_log, write_columns, write_flight
@@ -28,6 +28,7 @@ from launchid_core.regression import residual
 from sim.effects import from_text
 from sim.flight import fly_whole, parameters
 from sim.nominal import Nominal, load_nominal
+from sim.onboard import onboard_model
 
 PERIOD = 0.01
 autoregression, bandwidth, long_run, own_variance = map(unjitted, (

@@ -14,7 +14,7 @@ from hypothesis import strategies as hs
 from shortened import short
 from unjitted import unjitted
 
-from launchid.identification.windows import onboard_model, run
+from launchid.identification.windows import run
 from launchid.main import main
 from launchid.robustness.level import departures, ranged_model
 from launchid_core import BANDS, EDGES, Config, Estimate, Estimator, Model
@@ -22,6 +22,7 @@ from launchid_core.order.table import EVENTS, GAUGE, ONSETS
 from launchid_core.watch import uncertainty as un
 from sim.flight import fly_whole
 from sim.nominal import Nominal, built_in
+from sim.onboard import onboard_model
 
 SIGMA = 0.25
 NAN = math.nan

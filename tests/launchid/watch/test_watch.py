@@ -21,7 +21,6 @@ import numpy as np
 import pytest
 
 from launchid.formatting import with_std
-from launchid.identification.windows import onboard_model
 from launchid.log.live import part
 from launchid.log.log import flown_log, log_of, read_log
 from launchid.main import main
@@ -37,6 +36,7 @@ from launchid_core.watch.tracker import STEADY, TRACKER_WALK
 from sim.errors import UsageError
 from sim.flight import fly, fly_whole, parameters
 from sim.nominal import Nominal, load_nominal
+from sim.onboard import onboard_model
 
 ROOT = Path(__file__).resolve().parents[3]
 SECONDS = 12.0      # of the log that is watched
