@@ -1,9 +1,9 @@
 """Find the phases of a flight in its log: where beta moves the vehicle, where it does not, where the pad holds it.
 
-The rate's changes over hops of HOP are regressed, in every stretch of the log, on a constant, the attitude and beta now
-and up to LAGS times LAG before (which holds a servo's delay and lag).  Three equations compete in each stretch:
+The rate's changes over hops of HOP are regressed, in every stretch of the log, on a constant, the attitude and beta, as
+late as it explains most (a servo's delay and lag).  Three equations compete in each stretch:
 
-    beta moves the vehicle    rate change = c + a theta + sum of k_j beta_j + noise
+    beta moves the vehicle    rate change = c + a theta + k beta + noise
     it does not               rate change = c + a theta + noise
     the pad holds it          rate = constant + white noise
 
@@ -14,21 +14,23 @@ on a unit or a vehicle.  Where beta acts best is the reference.
 A stretch is another phase only if the log decides so, at SIGMAS: against an effect of beta of ACTING of that in the
 reference, and rather for none than for WEAKEST, which would be a loss of control.  The constant, theta's and the rate's
 coefficients beside it are those of the reference, but for shares of what beta does there: a loop that goes on
-commanding moves beta as a sum of these, which would else hide that beta does nothing.  Noise of the nozzle's sensor is
-taken off what beta moves.  A pad, which nothing shakes either, lies before the first stretch in which beta acts beyond
-doubt, other phases behind the last: what lies between is one flight.  So a calm stretch is no phase.  Of a servo that
-stands still the vehicle's motion must tell, or that the stretch follows one in which beta did not act.
+commanding moves beta as a sum of these, which would else hide that beta does nothing.  Of a vehicle that leaves its
+range SIGMAS_AWAY decide.  Noise of the nozzle's sensor is taken off what beta moves.  A pad, which nothing shakes
+either, lies before the first stretch in which beta acts beyond doubt, other phases behind the last: what lies between
+is one flight.  So a calm stretch is no phase.  Of a servo that stands still the vehicle's motion must tell, or that the
+stretch follows one in which beta did not act.
 """
 
 import itertools
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from sim.nominal import Nominal
 
-from ..sums import combined, inner, least_squares, square
+from ..sums import combined, least_squares, square
 from .check import CheckedLog, checked
 from .cut import Cut
 from .detect import DataCheck, related
@@ -37,16 +39,23 @@ from .log import Log
 
 HOP = 0.04           # s, of one change of the rate: short beside any motion, long beside a sample
 LAG, LAGS = 0.03, 4  # s, of beta: 0 to 0.09 s late
-SHORTEST = 20        # hops of a stretch: three times the numbers that are fitted in it
+BLOCKS = (25, 50, 100)   # hops, over which what beta explains is summed over a log
+FOUND = 24.0         # nats, that beta explains of the reference at least: the best stretch of a log has 20 by chance
+SHORTEST = 20        # hops of a stretch: five times the numbers that are fitted in it
 EDGES = 240          # places where a stretch may begin or end: their number's square is the work
 SIGMAS = 5.0         # standard deviations, by which an effect of beta is excluded: odds of two million to one
+SIGMAS_AWAY = 3.0    # the same, of a vehicle that leaves its range: that is evidence too
 ACTING = 0.5          # of beta's effect in the reference, at least where it acts like it
 WEAKEST = 0.2        # of beta's effect in the reference, below which beta does not act
 AWAY = 0.5           # of the range of attitude and rate in flight, by which they leave it
 CALM = 0.25          # of the walk's variance in the reference, that a calmer flight may have
 SHARED = (-0.25, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.48, 0.495)  # of the variance, that neighbouring changes share
+WHITE = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e4)   # variances of the rate's white noise, for one of the walk
+MEANS_OVERLAP = 2.0 - math.sqrt(3.0)   # of a walk's last step in the next change of its means: a triangle's, 1/4 shared
+MOST_HOPS = 400      # of a stretch, next to the reference, that tell whether beta acts there: 16 s
+DIFFUSE = 1e3        # of a regressor's scale, one sigma of a coefficient that nothing is known of
 MOST_SHARED = 0.4999  # the same of white noise alone: a half
-OTHER_TIMES, PLACEBO = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85), 0.25  # of the log; of what beta saves, in nats
+OTHER_TIMES, PLACEBO = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85), 0.45  # of the log; of what beta saves, in nats
 SAME_TRIM, SAME_SLOPE, SAME_DAMPING = 0.5, 0.1, 0.05  # of what beta does in the reference, one sigma of what the
 #                      constant, theta and the rate do otherwise elsewhere
 THIRD = 20.0         # variances of white noise that its third difference has
@@ -68,9 +77,9 @@ class Phase:
 
 @dataclass(frozen=True, eq=False)
 class _Hops:
-    """Changes y (n,) of the rate from t (n,) to `end` (n,) [s], and their regressors x (n, 2 + LAGS): 1, theta, beta at
-    each lag, all scaled to their rms; rate, beta (n,) at t, in the unit of y and in rad; noise (n,) of its sensor as a
-    variance of a regressor of beta; size (LAGS,) [rad] of these; reach: hops that they reach back."""
+    """Changes y (n,) of the rate from t (n,) to `end` (n,) [s], and their regressors x (n, 3): 1, theta, beta as late
+    as it acts, all scaled to their rms; rate, beta (n,) at t, in the unit of y and in rad; noise (n,) of its sensor as
+    a variance of the regressor of beta; size [rad] of that; reach: hops that it reaches back."""
 
     t: np.ndarray
     end: np.ndarray
@@ -79,7 +88,7 @@ class _Hops:
     rate: np.ndarray
     beta: np.ndarray
     noise: np.ndarray
-    size: np.ndarray
+    size: float
     reach: int
 
 
@@ -99,13 +108,13 @@ def phases_of(log: Log, data: DataCheck) -> list[Phase]:
     sums = _Sums(hops)
     parts = _partition(sums, len(hops.y))
     gains = [_gain(sums, first, end) if kind == 0 else -math.inf for first, end, kind in parts]
-    if not gains or not max(gains) > 0.5 * SIGMAS**2:
+    if not gains or not max(gains) > FOUND:
         return []
     reference = int(np.argmax(gains))
-    if _is_placebo(hops, *parts[reference][:2]):
+    if _is_placebo(hops):
         return []
     parts = _refined(sums, parts, reference)
-    labels = _labels(hops, parts, reference)
+    labels = _labels(hops, sums, parts, reference)
     runs = [[*part[:2], label] for part, label in zip(parts, labels, strict=True)]
     merged = [runs[0]]
     for run in runs[1:]:
@@ -114,7 +123,8 @@ def phases_of(log: Log, data: DataCheck) -> list[Phase]:
         else:
             merged.append(run)
     for before, after in itertools.pairwise(merged):
-        before[1] = after[0] = _edge(sums, before, after)
+        next_end = min(end for _, end, _ in parts if end > after[0]) if after[2] == 1 else after[1]
+        before[1] = after[0] = _edge(sums, before, [after[0], next_end, after[2]])   # a parachute tells no burn-out
     if len(merged) == 1:
         return []
     last = len(merged) - 1
@@ -158,9 +168,32 @@ def _hops(log: Log, data: DataCheck) -> _Hops | None:
     size, scale = np.sqrt(np.mean(x**2, axis=0)), float(np.std(y))
     if not (np.all(size > 0.0) and scale > 0.0 and np.all(np.isfinite(x)) and math.isfinite(scale)):
         return None
+    x, y = x / size, y / scale
+    explained = [_explained(x[:, [0, 1, 2 + j]], y) for j in range(LAGS)]
+    acts = 2 + int(np.argmax(explained))
     third = np.diff(beta, n=3, prepend=np.full(3, beta[0])) if "beta" in columns else np.zeros(len(t))
-    return _Hops(t[begin], t[begin] + 2.0 * rows * period, y / scale, x / size, rate[first:-1] / scale, held[first:-1],
-                 means(third**2)[first:-1] / (2.0 * THIRD * rows), size[2:], first)
+    return _Hops(t[begin], t[begin] + 2.0 * rows * period, y, x[:, [0, 1, acts]], rate[first:-1] / scale,
+                 held[first:-1], means(third**2)[first:-1] / (2.0 * THIRD * rows), float(size[acts]), first)
+
+
+def _explained(x: np.ndarray, y: np.ndarray) -> float:
+    """Return the nats by which beta, the third column of x (n, 3), explains y (n,) better than the first two do, summed
+    over the blocks of the log where it does; of the length of block that tells most.
+
+    What acts late acts with one sign.  Several lags at once, of changing sign, would make derivatives of beta, which
+    follow the rate wherever a loop goes on commanding.
+    """
+    z = np.column_stack([x, y])
+    running = np.concatenate([np.zeros((1, 4, 4)), np.cumsum(z[:, :, None] * z[:, None, :], axis=0)])
+    best = 0.0
+    for length in BLOCKS:
+        for first in (0, length // 2):
+            edges = np.arange(first, len(y) + 1, length)
+            p = np.diff(running[edges], axis=0)
+            with_it, without = (np.maximum(_left(p, count), FLOOR) for count in (3, 2))
+            nats = 0.5 * length * np.log(without / with_it) - 0.5 * math.log(length)
+            best = max(best, float(np.sum(np.maximum(nats, 0.0))))
+    return best
 
 
 class _Sums:
@@ -178,9 +211,9 @@ class _Sums:
         end - 1, each (m,)."""
         n, p = (end - first).astype(float), self._products[end] - self._products[first]
         mean, squares = (self._rates[end] - self._rates[first]).T / n
-        left = np.stack([_left(p, 2 + LAGS), _left(p, 2), n * (squares - mean**2)], axis=1)
+        left = np.stack([_left(p, 3), _left(p, 2), n * (squares - mean**2)], axis=1)
         ln_l = -0.5 * n[:, None] * (np.log(2.0 * math.pi * np.maximum(left / n[:, None], FLOOR)) + 1.0)
-        return np.asarray(ln_l - 0.5 * np.log(n)[:, None] * np.array([3.0 + LAGS, 3.0, 2.0]))
+        return np.asarray(ln_l - 0.5 * np.log(n)[:, None] * np.array([4.0, 3.0, 2.0]))
 
 
 def _left(p: np.ndarray, count: int) -> np.ndarray:
@@ -216,18 +249,12 @@ def _gain(sums: _Sums, first: int, end: int) -> float:
     return float(moves - does_not)
 
 
-def _is_placebo(hops: _Hops, first: int, end: int) -> bool:
-    """Whether beta of another time of the log explains a stretch at least PLACEBO as well as beta does: then it is no
-    input of this motion, and tells no phase."""
-    y, beside = hops.y[first:end], hops.x[first:end, :2]
-
-    def saved(lags: np.ndarray) -> float:
-        x = np.column_stack([beside, lags[first:end]])
-        left = [square(y - combined(each, least_squares(each, y, 1e-9))) for each in (beside, x)]
-        return math.log(max(left[0], FLOOR) / max(left[1], FLOOR))
-
-    own, n = saved(hops.x[:, 2:]), len(hops.y)
-    return any(saved(np.roll(hops.x[:, 2:], round(share * n), axis=0)) > PLACEBO * own for share in OTHER_TIMES)
+def _is_placebo(hops: _Hops) -> bool:
+    """Whether beta of another time of the log explains at least PLACEBO of what beta does: then it is no input of this
+    motion, and tells no phase."""
+    own, n = _explained(hops.x, hops.y), len(hops.y)
+    return any(_explained(np.column_stack([hops.x[:, :2], np.roll(hops.x[:, 2], round(share * n))]), hops.y)
+               >= PLACEBO * own for share in OTHER_TIMES)
 
 
 def _edge(sums: _Sums, before: list[int], after: list[int]) -> int:
@@ -255,43 +282,56 @@ def _refined(sums: _Sums, parts: list[tuple[int, int, int]], reference: int) -> 
     return [(edges[k], edges[k + 1], kind) for k, (_, _, kind) in enumerate(parts)]
 
 
-def _labels(hops: _Hops, parts: list[tuple[int, int, int]], reference: int) -> list[int]:
+def _labels(hops: _Hops, sums: _Sums, parts: list[tuple[int, int, int]], reference: int) -> list[int]:
     """Return for each stretch the place in KINDS of what it is beyond doubt, MOVES where there is doubt."""
     first, end, _ = parts[reference]
-    effect = np.asarray(least_squares(hops.x[first:end], hops.y[first:end], 1e-9)[2:])
-    known = _share(hops, first, end, effect, None)
-    shares = [_share(hops, begin + (hops.reach + 1 if k > 0 else 0), stop, effect, known)
-              for k, (begin, stop, _) in enumerate(parts)]
-    acting = [k for k, each in enumerate(shares) if k == reference or each.size - SIGMAS * each.std > WEAKEST]
+    effect = _effect(hops, first, end)
+    known = _share(hops, first, end, effect)
+    shares = [_share(hops, *_near(hops, parts, k, reference), effect, known) for k in range(len(parts))]
+    acting = [k for k, each in enumerate(shares) if k == reference or (
+        each.size - SIGMAS * each.std > WEAKEST and _gain(sums, *parts[k][:2]) > 0.5 * SIGMAS**2)]
     steepest = max(abs(shares[k].beside[1]) for k in acting)
     labels = [0] * len(parts)
     walk = _walk(hops, first, end)
     for k in range(acting[0]):   # nothing but a pad comes before the flight
         if parts[k][2] == 2 and (_first_off([shares[k]]) == 0 or _is_without_walk(hops.y[slice(*parts[k][:2])], walk)):
             labels[:k + 1] = [2] * (k + 1)
-    behind = range(acting[-1] + 1, len(parts))
-    if not _runs_away(hops, parts[acting[0]][0], parts[acting[-1]][1]):
-        shares = [_share(hops, begin + hops.reach + 1, stop, effect, known, is_trimmed=False)
-                  for begin, stop, _ in parts]
-    last = acting[-1] + 1 + _first_off([shares[k] for k in behind])
+    behind, is_away = range(acting[-1] + 1, len(parts)), _runs_away(hops, parts[acting[0]][0], parts[acting[-1]][1])
+    if not is_away:
+        for k in behind:
+            shares[k] = _share(hops, *_near(hops, parts, k, reference), effect, known, is_trimmed=False)
+    last = acting[-1] + 1 + _first_off([shares[k] for k in behind], is_away)
     swinging = [k for k in behind if not np.ptp(hops.beta[slice(*parts[k][:2])]) and shares[k].swings(steepest)]
     for k in range(min([last, *swinging]), len(parts)):
         labels[k] = 1
     return labels
 
 
-def _first_off(shares: list["_Share"]) -> int:
+def _effect(hops: _Hops, first: int, end: int) -> float:
+    """Return what beta does in a stretch, by least squares."""
+    return float(least_squares(hops.x[first:end], hops.y[first:end], 1e-9)[2])
+
+
+def _near(hops: _Hops, parts: list[tuple[int, int, int]], k: int, reference: int) -> tuple[int, int]:
+    """Return the hops of stretch k next to the reference, of which no lag reaches into the stretch before."""
+    first, end, _ = parts[k]
+    first += hops.reach + 1 if k > 0 else 0
+    return (max(first, end - MOST_HOPS), end) if k < reference else (first, min(end, first + MOST_HOPS))
+
+
+def _first_off(shares: list["_Share"], is_away: bool = False) -> int:
     """Return from which stretch on, counted outward from the reference, another phase begins; len(shares): none does.
 
     What stretches that follow one another say adds up.  It must decide against an effect like the reference's (ACTING),
-    and be against a weak one (WEAKEST) too, which would be a loss of control.
+    and be against a weak one (WEAKEST) too, which would be a loss of control; but of a vehicle that runs away
+    (`is_away`) nobody has control.
     """
-    best, first, total, weak, begin = 0.5 * SIGMAS**2, len(shares), 0.0, 0.0, 0
+    best, first, total, weak, begin = 0.5 * (SIGMAS_AWAY if is_away else SIGMAS)**2, len(shares), 0.0, 0.0, 0
     for k, share in enumerate(shares):
         if total <= 0.0:
             total, weak, begin = 0.0, 0.0, k
         total, weak = total + share.doubt(ACTING), weak + share.doubt(WEAKEST)
-        if total > best and weak > 0.0:
+        if total > best and (weak > 0.0 or is_away):
             best, first = total, begin
     return first
 
@@ -321,40 +361,85 @@ class _Share:
         return self.beside[1] + SIGMAS * self.slope_std < -steepest
 
 
-def _share(hops: _Hops, first: int, end: int, effect: np.ndarray, reference: _Share | None,
+def _share(hops: _Hops, first: int, end: int, effect: float, reference: _Share | None = None,
            is_trimmed: bool = True) -> _Share:
-    """Return beta's effect in hops first to end - 1 by least squares under the rate's own noise: a random walk, and a
-    sensor's white noise, which neighbouring changes share.
+    """Return beta's effect in hops first to end - 1 as a share of `effect`, under the rate's own noise: a
+    random walk, and a sensor's white noise.
 
     Beside beta stand a constant, theta and the rate.  A loop that goes on commanding moves beta as a sum of the latter
     two: their coefficients are those of the reference, but for a share of what beta does there; the constant too if
     `is_trimmed`, as that of a vehicle is that nothing controls, which no wind holds in balance.
     """
-    x, y, act = hops.x[first:end], hops.y[first:end], combined(hops.x[first:end, 2:], effect)
-    turning = hops.rate[first:end] - hops.rate.mean()
-    z = np.column_stack([act, x[:, 0], x[:, 1], turning, y])
-    best, found, noise = -math.inf, z, 0.0
-    for shared in SHARED:
-        white, log_determinant = _whitened(z, shared)
-        left = white[:, -1] - combined(white[:, :-1], least_squares(white[:, :-1], white[:, -1], 1e-9))
-        variance = square(left) / len(y)
-        ln_l = -0.5 * len(y) * math.log(max(variance, FLOOR)) - 0.5 * log_determinant
-        if ln_l > best:
-            best, found, noise = ln_l, white, math.sqrt(max(variance, FLOOR))
+    x, act = hops.x[first:end], effect * hops.x[first:end, 2]
+    rate = np.append(hops.rate[first:end], hops.rate[end - 1] + hops.y[end - 1])
+    turning = rate[:-1] - hops.rate.mean()
+    z, n = np.column_stack([act, x[:, 0], x[:, 1], np.full(len(x), -hops.rate.mean())]), len(x)
+    scale = np.sqrt([max(square(each) / n, FLOOR) for each in (act, x[:, 0], x[:, 1], turning)])
+    free = _tracked(z, rate, np.asarray(WHITE), np.zeros(4), DIFFUSE / scale)
+    best = int(np.argmax(free.ln_l))
+    found, noise = free, math.sqrt(max(free.variance[best], FLOOR))
     if reference is not None:
-        prior = np.zeros((3, 5))
-        for k, (believed, width) in enumerate(zip(reference.beside, reference.width, strict=True)):
-            prior[k, 1 + k], prior[k, -1] = noise / width, noise / width * believed
-        found = np.concatenate([found, prior if is_trimmed else prior[1:]])
-    z, y = found[:, :-1], found[:, -1]
-    (size, std), trim, slope, damping = (_coefficient(z, y, k) for k in range(4))
-    unmoved = float(np.mean(hops.noise[first:end])) * square(effect / hops.size)
+        believed = np.append(0.0, reference.beside)
+        width = np.append(DIFFUSE / scale[0], np.array(reference.width) / noise)
+        if not is_trimmed:
+            believed[1], width[1] = 0.0, DIFFUSE / scale[1]
+        found = _tracked(z, rate, np.asarray(WHITE[best:best + 1]), believed, width)
+        best = 0
+    b, covariance = found.mean[best], found.covariance[best] * noise**2
+    unmoved = float(np.mean(hops.noise[first:end])) * (effect / hops.size)**2
     own = act - combined(x[:, :2], least_squares(x[:, :2], act, 1e-9))
-    rms = math.sqrt(square(act) / len(act))
-    beside = ((SAME_TRIM, x[:, 0]), (SAME_SLOPE, x[:, 1]), (SAME_DAMPING, turning))
-    widths = tuple(same * rms / math.sqrt(max(square(each) / len(act), FLOOR)) for same, each in beside)
-    moved = 1.0 - len(act) * unmoved / max(square(own), FLOOR)
-    return _Share(size, std, (trim[0], slope[0], damping[0]), slope[1], moved, widths)
+    widths = tuple(same * scale[0] / each for same, each in zip((SAME_TRIM, SAME_SLOPE, SAME_DAMPING), scale[1:],
+                                                                  strict=True))
+    moved = 1.0 - n * unmoved / max(square(own), FLOOR)
+    return _Share(float(b[0]), math.sqrt(covariance[0, 0]), (float(b[1]), float(b[2]), float(b[3])),
+                  math.sqrt(covariance[2, 2]), moved, widths)
+
+
+class _Tracked(NamedTuple):
+    """What a filter finds: mean (m, 4) and covariance (m, 4, 4) of coefficients, in variances of the walk; variance
+    (m,) of the walk; ln_l (m,) of the rates."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    variance: np.ndarray
+    ln_l: np.ndarray
+
+
+def _tracked(z: np.ndarray, rate: np.ndarray, white: np.ndarray, mean: np.ndarray, sigma: np.ndarray) -> _Tracked:
+    """Return the coefficients of a rate that wanders, seen with white noise:
+
+        rate_(k+1) = rate_k + z_k b + b_4 rate_k + w_k + MEANS_OVERLAP w_(k-1)
+
+    A loop feeds the sensor's noise back: a regression of the rate's changes on beta would take that for an effect.  The
+    filter's rate is what is known before the command, so its innovations are independent of it (Ljung, System
+    Identification, 1999, ch. 13).
+
+    z (n, 4)     regressors, the last one the offset of the rate in its own;  rate (n + 1,);  white (m,) variances of
+    the rate's noise, each a hypothesis, for a walk of variance 1;  mean, sigma (4,) of the coefficients before
+    """
+    m, size = len(white), 2 + len(mean)
+    x, p = np.zeros((m, size)), np.zeros((m, size, size))
+    x[:, 0], x[:, 2:] = rate[0], mean
+    p[:, 0, 0] = white
+    p[:, range(2, size), range(2, size)] = sigma**2
+    step = np.tile(np.eye(size), (m, 1, 1))
+    step[:, 1, 1], step[:, 0, 1] = 0.0, MEANS_OVERLAP
+    squares, log_determinant = np.zeros(m), np.zeros(m)
+    for k in range(len(z)):
+        step[:, 0, 2:] = z[k]
+        step[:, 0, -1] += x[:, 0]
+        x = np.concatenate([np.sum(step[:, 0] * x, axis=1, keepdims=True), np.zeros((m, 1)), x[:, 2:]], axis=1)
+        p = step @ p @ step.transpose(0, 2, 1)
+        p[:, :2, :2] += 1.0
+        variance = p[:, 0, 0] + white
+        innovation, gain = rate[k + 1] - x[:, 0], p[:, :, 0] / variance[:, None]
+        x = x + gain * innovation[:, None]
+        p = p - gain[:, :, None] * p[:, None, 0, :]
+        squares += innovation**2 / variance
+        log_determinant += np.log(variance)
+    n = len(z)
+    walk = np.maximum(squares / n, FLOOR)
+    return _Tracked(x[:, 2:], p[:, 2:, 2:], walk, -0.5 * (n * np.log(walk) + log_determinant))
 
 
 def _walk(hops: _Hops, first: int, end: int) -> float:
@@ -387,18 +472,6 @@ def _whitened(z: np.ndarray, shared: float) -> tuple[np.ndarray, float]:
         root[k], before = math.sqrt(now), now
         log_determinant += math.log(now)
     return out / root[:, None], log_determinant
-
-
-def _coefficient(x: np.ndarray, y: np.ndarray, j: int) -> tuple[float, float]:
-    """Return (coefficient, standard deviation) of column j of x (n, q) in y (n,); (0, inf) if it tells nothing."""
-    others = np.delete(x, j, axis=1)
-    own = x[:, j] - combined(others, least_squares(others, x[:, j], 1e-9))
-    rest = y - combined(others, least_squares(others, y, 1e-9))
-    power = square(own)
-    if not power > FLOOR * max(square(x[:, j]), FLOOR):
-        return 0.0, math.inf
-    size = inner(own, rest) / power
-    return size, math.sqrt(square(rest - size * own) / max(len(y) - x.shape[1], 1) / power)
 
 
 def _is_without_walk(y: np.ndarray, walk: float) -> bool:

@@ -42,8 +42,9 @@ def without(log: Log, *columns: str) -> Log:
 
 @pytest.mark.parametrize(("rocket", "seed"), [
     (Rocket(), 11), (Rocket(is_still_on_pad=True), 12), (Rocket(beta_std=5e-4, period=0.01), 14),
-    (Rocket(burn=7.0, thrust=7.0, pad=15.0, coast=8.0, chute=40.0), 14), (Rocket(period=0.04), 15)],
-    ids=["as it is", "still on the pad", "nozzle measured", "long", "25 Hz"])
+    (Rocket(burn=7.0, thrust=7.0, pad=15.0, coast=8.0, chute=40.0), 14), (Rocket(period=0.04), 15),
+    (Rocket(burn=2.0), 17)],
+    ids=["as it is", "still on the pad", "nozzle measured", "long", "25 Hz", "a burn of 2 s"])
 def test_the_burn_is_found(rocket, seed):
     found = flown_phase(phases(log_of(fly(rocket, seed))))
     assert found is not None
@@ -55,8 +56,10 @@ def test_the_burn_is_found(rocket, seed):
 @pytest.mark.parametrize(("rocket", "starts", "ends"), [
     (Rocket(), 0.9, 0.9), (Rocket(is_still_on_pad=True), 0.9, 0.9), (Rocket(beta_std=5e-4, period=0.01), 0.6, 0.9),
     (Rocket(rate_std=3e-4, theta_std=3e-4, push=0.05), 0.9, 0.9), (Rocket(rate_std=1e-2, theta_std=5e-3), 0.0, 0.9),
-    (Rocket(period=0.04), 0.6, 0.9), (Rocket(period=0.005), 0.7, 0.9)],
-    ids=["as it is", "still on the pad", "nozzle measured", "quiet", "noisy gyro", "25 Hz", "200 Hz"])
+    (Rocket(period=0.04), 0.6, 0.9), (Rocket(period=0.005), 0.7, 0.9), (Rocket(burn=2.0), 0.9, 0.6),
+    (Rocket(burn=2.0, rate_std=1e-2), 0.0, 0.6)],
+    ids=["as it is", "still on the pad", "nozzle measured", "quiet", "noisy gyro", "25 Hz", "200 Hz", "2 s",
+         "2 s, noisy"])
 def test_the_burn_is_found_in_most_flights_and_never_cut(rocket, starts, ends):
     found = [flown_phase(phases(log_of(fly(rocket, 2000 + seed)))) for seed in range(24)]
     first = np.array([0.0 if each is None else each.first for each in found]) - rocket.pad
