@@ -199,7 +199,7 @@ def test_every_command_takes_the_checked_log():
             names = set().union(*(of for module, of in imported(path).items() if module in detectors))
             assert names <= {"ONE_MOTION", "usable_rows", "DataCheck", "SENSOR_COLUMNS"}, path
     doors = {"diagnose": "diagnosis/adapter.py", "nominal": "first_nominal/answer.py", "watch": "watch/follower.py",
-             "show": "figures/logs.py"}
+             "show": "report/log_figures.py", "identify": "identification/log.py", "margins": "identification/log.py"}
     makers = {"convert", "simulate"}   # of logs
     for path in sorted((ROOT / "commands").glob("*.py")):
         read = set().union(*imported(path).values()) & {"read_log", "read_noting", "read_each", "open_source"}
