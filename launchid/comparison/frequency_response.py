@@ -42,6 +42,7 @@ from sim.flight import packed, parameters
 from sim.nominal import Nominal
 
 from ..log.log import Log
+from ..spectra import hann, segments
 
 WANTED_SEGMENTS = 8     # lengths of a segment that a log holds, at least
 # s, of a segment: frequencies from 1/5 Hz on, and windows in which a6 and k1 are frozen
@@ -160,14 +161,12 @@ def transforms(log: Log, source: str, to: str, series: np.ndarray | None, order:
     if len(starts) < MIN_SEGMENTS or rows < 4 * FIRST_BIN:
         return None
     angle = 2.0 * np.pi * np.arange(rows) / rows
-    window, slope = 0.5 - 0.5 * np.cos(angle), np.pi / (rows * period) * np.sin(angle)
-    cut = np.stack([on_grid[:, k:k + rows] for k in starts], axis=1)
-    cut = cut - cut.mean(axis=2, keepdims=True)
+    slope = np.pi / (rows * period) * np.sin(angle)   # of the window
     frequency = frequencies(np.asarray(lines, dtype=float), rows, period)
     basis = np.exp(-2j * np.pi * np.outer(period * np.arange(rows), frequency))
-    u, y, r = (cut * window) @ basis
+    u, y, r = segments(on_grid, starts, hann(rows)) @ basis
     if to == "theta_dot":
-        y = 2j * np.pi * frequency * y - (cut[1] * slope) @ basis
+        y = 2j * np.pi * frequency * y - segments(on_grid[1], starts, slope) @ basis
     return Spectra(frequency, u, y, r, grid[starts] + 0.5 * (rows + order) * period, 1.0 / (rows * period))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from sim.errors import InputError
 
+from ..chi_square import quantile
 from ..judge.lack import Lack
 from ..judge.question import question
 from ..judge.window import WRONG, against
@@ -30,6 +31,7 @@ WORTH = 0.5            # of the larger of the two terms, that one standard devia
 ROUGHLY = 0.25         # relative, of the nozzle sensor's noise where no command tells how the nozzle moves
 LEVEL_UNCERTAINTY = 0.05  # the same of the other levels: between the rows the model is not exact
 STAND = 0.005          # relative: no stand's equation is truer; authors' own numbers for one device differ by 1.7 %
+SAME = 0.99             # of chi square: coefficients of two halves that differ less may be the same
 UNSEEN = 1.0           # standard deviation of a level's logarithm above which it is not seen, only limited
 
 Number = tuple[float, float]   # value, standard deviation
@@ -150,9 +152,7 @@ def spread(result: Found) -> float:
     both = both[np.ix_(keep, keep)] if model.no_input else both
     scale = np.sqrt(np.maximum(np.diag(both), 1e-300))
     chi = float((off / scale) @ np.linalg.lstsq(both / np.outer(scale, scale), off / scale, rcond=1e-9)[0])
-    # Wilson and Hilferty 1931: the 99 % quantile of chi square
-    limit = q * (1.0 - 2.0 / (9.0 * q) + 2.326 * math.sqrt(2.0 / (9.0 * q))) ** 3
-    return max(chi / q, 1.0) if chi > limit else 1.0
+    return max(chi / q, 1.0) if chi > quantile(SAME, q) else 1.0
 
 
 def hidden(result: Found) -> np.ndarray:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..robustness.greybox import chi_square_quantile
+from ..chi_square import quantile, tail
 
 OTHER_VEHICLE = 0.01   # probability of so much scatter of one vehicle's flights, below which one of them is another's
 INTERVAL = 0.95
@@ -115,21 +115,6 @@ def _square(off: np.ndarray, covariance: np.ndarray) -> float:
     return float(off @ np.linalg.solve(covariance, off))
 
 
-def tail(x: float, degrees: int) -> float:
-    """Return P(chi square > x) of an even number of degrees of freedom.
-
-    Examples
-    --------
-    >>> round(tail(5.991, 2), 3)
-    0.05
-    """
-    term = total = 1.0
-    for k in range(1, degrees // 2):
-        term *= 0.5 * x / k
-        total += term
-    return math.exp(-0.5 * x) * total
-
-
 def scatter(value: np.ndarray, std: np.ndarray) -> Scatter:
     """Return the scatter of estimates, value (n,), beyond their standard deviations std (n,), with its interval."""
     n = len(value)
@@ -147,7 +132,7 @@ def scatter(value: np.ndarray, std: np.ndarray) -> Scatter:
             low, high = (middle, high) if beyond(middle) > target else (low, middle)
         return high
 
-    ends = [at(chi_square_quantile(q, n - 1)) for q in (0.5 + 0.5 * INTERVAL, 0.5 - 0.5 * INTERVAL)]
+    ends = [at(quantile(q, n - 1)) for q in (0.5 + 0.5 * INTERVAL, 0.5 - 0.5 * INTERVAL)]
     return Scatter(at(n - 1.0), *ends)
 
 

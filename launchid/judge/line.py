@@ -6,7 +6,6 @@ or the servo do not: so the spectrum of the rest is held against its own surroun
 """
 
 import math
-from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,9 @@ import numpy as np
 from sim.effects import values
 from sim.nominal import Nominal
 
+from ..chi_square import quantile
 from ..log.check import CheckedLog
+from ..spectra import hann, segments
 from ..weakform.rows import Rows, usable
 from .table import TESTS
 
@@ -65,7 +66,7 @@ def undeclared_line(seen: CheckedLog, nominal: Nominal) -> Line | None:
     ratio = np.divide(power, expected, out=np.zeros(len(power)), where=asked & (expected > 0.0))
     at = int(np.argmax(ratio))
     chance = TESTS["no undeclared line"].limit / np.count_nonzero(asked)
-    if not ratio[at] > _quantile(1.0 - chance, _freedom(count)):
+    if not ratio[at] > quantile(1.0 - chance, _freedom(count)) / _freedom(count):
         return None
     near = slice(max(at - OWN, 0), at + OWN + 1)
     return Line(math.tau * float(np.average(frequency[near], weights=power[near])), float(ratio[at]))
@@ -91,13 +92,10 @@ def _increments(rows: Rows, nominal: Nominal) -> tuple[np.ndarray, list[np.ndarr
 def _spectrum(x: np.ndarray, rows: Rows, length: int) -> tuple[np.ndarray, int]:
     """Return the mean periodogram (length // 2 + 1,) of increments x (n - 1,) in segments that overlap by a half, none
     over a gap, and how many there are (Welch, IEEE Trans. Audio Electroacoustics 15, 1967)."""
-    window, power, count = np.hanning(length), np.zeros(length // 2 + 1), 0
-    for first, last in rows.stretches:
-        for begin in range(first, last - 1 - length + 1, length // 2):
-            part = x[begin:begin + length]
-            power += np.abs(np.fft.rfft(window * (part - part.mean())))**2
-            count += 1
-    return power / max(count, 1), count
+    starts = [begin for first, last in rows.stretches for begin in range(first, last - length, length // 2)]
+    if not starts:
+        return np.zeros(length // 2 + 1), 0
+    return np.mean(np.abs(np.fft.rfft(segments(x, starts, hann(length))))**2, axis=0), len(starts)
 
 
 def _surroundings(power: np.ndarray, frequency: np.ndarray, count: int) -> np.ndarray:
@@ -108,15 +106,9 @@ def _surroundings(power: np.ndarray, frequency: np.ndarray, count: int) -> np.nd
         below, above = power[max(1, k - reach):max(1, k - OWN)], power[k + OWN + 1:k + reach + 1]
         if len(below) + len(above):
             out[k] = np.median(np.concatenate([below, above]))
-    return out / _quantile(0.5, _freedom(count))
+    return out * _freedom(count) / quantile(0.5, _freedom(count))
 
 
 def _freedom(count: int) -> float:
     """Return the degrees of freedom of the mean of so many periodograms that overlap."""
     return max(2.0 * OVERLAP * count, 2.0)
-
-
-def _quantile(probability: float, freedom: float) -> float:
-    """Return the quantile of a chi square over its degrees of freedom (Wilson and Hilferty, PNAS 17, 1931)."""
-    share = 2.0 / (9.0 * freedom)
-    return max(1.0 - share + NormalDist().inv_cdf(probability) * math.sqrt(share), 0.0)**3

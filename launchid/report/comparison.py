@@ -11,6 +11,7 @@ import numpy as np
 from sim.nominal import Nominal
 from sim.result import Columns
 
+from ..chi_square import quantile
 from ..comparison.flown import FLOWN_CHANNELS, Dispersed
 from ..comparison.frequency_response import BIASED, COHERENT, DECIBEL, RESPONSE_UNITS, Response, decibels_and_degrees
 from ..comparison.prediction import HORIZONS, NO_STATISTICS, Predictions, Statistics, statistics
@@ -156,8 +157,7 @@ def masked(log: Log, data: DataCheck) -> Log:
 
 def within(response: Response) -> np.ndarray:
     """Return where (bins,) the nominal is in the joint 95 % region of measured gain and phase, as bool."""
-    region = 5.991  # 95 % of chi-squared with two degrees of freedom
-    return np.asarray(np.abs(np.log(response.gain / response.nominal))**2 <= region * response.std**2)
+    return np.asarray(np.abs(np.log(response.gain / response.nominal))**2 <= quantile(0.95, 2) * response.std**2)
 
 
 # ---- the JSON

@@ -33,6 +33,7 @@ from sim.errors import InputError
 from sim.nominal import Nominal, Profile, constant_profile
 from sim.onboard import onboard_model
 
+from .. import chi_square
 from ..identification.windows import run
 from ..judge.line import undeclared_line
 from ..log.check import CheckedLog
@@ -119,26 +120,6 @@ def pooled(value: np.ndarray, std: np.ndarray) -> tuple[float, float]:
     return float(np.nansum(weight * value)) / total, 1.0 / math.sqrt(total)
 
 
-def chi_square_quantile(probability: float, degrees: int) -> float:
-    """Return x with P(chi2 <= x) = probability, by bisection on the series of DLMF 8.11.4; `degrees` of freedom."""
-    a = 0.5 * degrees
-
-    def cumulative(x: float) -> float:
-        term = total = 1.0
-        k = 0
-        while term > 1e-17 * total:
-            k += 1
-            term *= x / (a + k)
-            total += term
-        return total * math.exp(a * math.log(x) - x - math.lgamma(a + 1.0))
-
-    low, high = -700.0, math.log(a + 20.0 * math.sqrt(a) + 40.0)  # of log x, x = chi2/2
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if cumulative(math.exp(middle)) < probability else (low, middle)
-    return 2.0 * math.exp(0.5 * (low + high))
-
-
 def fit_range(value: np.ndarray, std: np.ndarray, within: float, share: float, confidence: float) -> Range:
     """Fit the range of a6 or k1 that holds `share` of vehicles with `confidence`, from the deviations of n flights,
     value (n,) with std (n,), and their rms `within` a flight."""
@@ -152,7 +133,7 @@ def fit_range(value: np.ndarray, std: np.ndarray, within: float, share: float, c
         shrunk = np.abs(value) * np.sqrt(spread / (spread + std**2))
         sigma = math.hypot(float(np.sort(shrunk)[-rank]), z * within)
     else:
-        bound = n * float(np.mean(value**2)) / chi_square_quantile(1.0 - confidence, n) - noise
+        bound = n * float(np.mean(value**2)) / chi_square.quantile(1.0 - confidence, n) - noise
         sigma = z * math.sqrt(max(bound, noise / n) + within**2)
     sigma = max(sigma, MIN_SIGMA)
     return Range(sigma, "order statistic" if ordered else "normal", math.sqrt(spread), within, math.sqrt(noise),
@@ -211,7 +192,7 @@ def with_range(nominal: Nominal, result: Fit) -> Nominal:
 def factor(result: Fit) -> float:
     """Return the normal method's range over the rms deviation of as many flights, without noise; it falls with
     flights."""
-    degrees = chi_square_quantile(1.0 - result.confidence, result.flights)
+    degrees = chi_square.quantile(1.0 - result.confidence, result.flights)
     return NormalDist().inv_cdf(0.5 * (1.0 + result.share)) * math.sqrt(result.flights / degrees)
 
 

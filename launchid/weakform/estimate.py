@@ -7,6 +7,7 @@ import numpy as np
 
 from launchid_core import Estimate
 
+from ..chi_square import quantile
 from .fit import SPAN, Fit, Prior, gls_of_all, least, least_squares_covariance, noise_likelihoods
 from .late import with_betas
 from .pieces import Whole
@@ -17,6 +18,7 @@ UNTRUE = 1.5         # times what its deviations say, that the spread of coeffic
 UNLIKE = 1.0         # mean square of neighbours' differences over the variance, 2 of what is white, beyond which
 #                      coefficients do not change but scatter
 FEWEST_ALIKE = 6     # pieces, of which that is asked
+CHANGED = 0.999       # of chi square: a term that changes less from piece to piece may be constant
 CHANCE_DRIFT = 6.0   # chi square of two, 95 %: what a drift of a6 and k1 moves them by beyond is in the deviations
 
 
@@ -82,8 +84,7 @@ def changes_of(whole: Whole) -> tuple[dict[str, float], dict[str, float]]:
         x, v = np.array(told).T
         w = 1.0 / v
         free, spread = len(x) - 1, float(np.sum(w * (x - np.sum(w * x) / np.sum(w)) ** 2))
-        chance = UNTRUE * free * (1.0 - 2.0 / (9.0 * free) + 3.09 * math.sqrt(2.0 / (9.0 * free))) ** 3
-        if spread > chance:   # chi square, 99.9 % (Wilson and Hilferty 1931)
+        if spread > UNTRUE * quantile(CHANGED, free):
             beyond = float((spread - free) / (np.sum(w) - np.sum(w**2) / np.sum(w)))
             w = 1.0 / (v + beyond)
             variance = np.average((x - np.average(x, weights=w)) ** 2, weights=w)

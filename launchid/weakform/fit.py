@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..chi_square import tail
 from ..sums import along, combined, products
 from .rows import Modes
 
@@ -368,10 +369,4 @@ def whiteness(squares: np.ndarray, many: np.ndarray) -> float | None:
     degrees = len(squares) - 1
     if degrees < 2:
         return None
-    half = 0.5 * max(float(np.sum(many * (squares - 1.0 - np.log(np.maximum(squares, 1e-12))))), 0.0)
-    if half > 700.0:
-        return 0.0
-    if degrees % 2 == 0:
-        return math.exp(-half) * sum(half**k / math.factorial(k) for k in range(degrees // 2))
-    return math.erfc(math.sqrt(half)) + math.exp(-half) * sum(
-        half ** (k + 0.5) / math.gamma(k + 1.5) for k in range((degrees - 1) // 2))
+    return tail(max(float(np.sum(many * (squares - 1.0 - np.log(np.maximum(squares, 1e-12))))), 0.0), degrees)

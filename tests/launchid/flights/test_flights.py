@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import launchid
-from launchid.flights.pooled import Told, pooled, scatter, tail
+from launchid.flights.pooled import Told, pooled, scatter
 from launchid.main import main
 from sim.nominal import load_nominal, write_nominal
 
@@ -18,11 +18,6 @@ A6, K1 = 2.0, -7.0   # of the nominal `constant`
 def drawn(rng: np.random.Generator, n: int, std: float = 0.01, correlation: float = 0.9) -> list[Told]:
     covariance = std**2 * np.array([[1.0, correlation], [correlation, 1.0]])
     return [Told(f"f{k}", rng.multivariate_normal([1.0, 1.0], covariance), covariance) for k in range(n)]
-
-
-def test_the_tail_of_chi_square():
-    for x, degrees, p in ((5.991, 2, 0.05), (9.488, 4, 0.05), (18.307, 10, 0.05), (13.277, 4, 0.01)):
-        assert tail(x, degrees) == pytest.approx(p, abs=1e-4)
 
 
 def test_flights_of_one_vehicle_cover_and_are_rarely_called_two():

@@ -175,12 +175,6 @@ def test_sigma_profile_that_does_not_cover_the_time():
 FLIGHTS = 30
 
 
-@pytest.mark.parametrize(("probability", "degrees", "value"), [  # Abramowitz & Stegun, table 26.8
-    (0.05, 1, 0.00393214), (0.05, 10, 3.94030), (0.05, 30, 18.4926), (0.95, 5, 11.0705), (0.99, 100, 135.807)])
-def test_chi_square_quantiles_are_the_tables(probability, degrees, value):
-    assert gb.chi_square_quantile(probability, degrees) == pytest.approx(value, rel=1e-5)
-
-
 @pytest.mark.parametrize("n", [8, 30, 80])
 def test_the_range_holds_its_share_with_its_confidence(n):
     """Normal deviations seen through noise as large as a third of them."""
