@@ -206,7 +206,7 @@ class Campaign(Answer):
         return flat(rows)
 
     def _figure(self) -> Figure:
-        from ..monte_carlo.requirement.verdict import campaign_figure
+        from ..report.campaign_figures import campaign_figure
         return campaign_figure(self.report, self.requirements, self.flights)
 
     def write(self, folder: str | Path) -> None:

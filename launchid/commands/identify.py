@@ -218,7 +218,7 @@ class Identification(Answer):
         left = residuals(self.log, self.fitted, nominal, self.late)
 
         def figure() -> Figure:
-            from ..report.identify_figures import residual_figure
+            from ..report.residual_figures import residual_figure
             return residual_figure(self.log, left, self.report["windows"])
 
         from sim.result import drawn

@@ -102,7 +102,7 @@ class Planned(Answer):
         return {name: [] if multisine is None else list(getattr(multisine, name)) for name in names}
 
     def _figure(self) -> Figure:
-        from ..report.identify_figures import plan_figure
+        from ..report.flight_figures import plan_figure
         return plan_figure(self.plan)
 
     def write(self, path: str | Path) -> None:

@@ -133,7 +133,7 @@ class Flown(Answer):
         return {name: x.tolist() for name, x in (self.log.measured() | truth).items()}
 
     def _figure(self) -> Figure:
-        from ..report.identify_figures import flight_figure
+        from ..report.flight_figures import flight_figure
         return flight_figure(self.flight, self.nominal)
 
     def write(self, path: str | Path) -> None:

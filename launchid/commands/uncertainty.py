@@ -104,5 +104,5 @@ class UncertaintyLevel(Answer):
         return flat(self.report["windows"])
 
     def _figure(self) -> Figure:
-        from ..report.identify_figures import uncertainty_figure
+        from ..report.uncertainty_figures import uncertainty_figure
         return uncertainty_figure(self.log, self.estimates, self.nominal)

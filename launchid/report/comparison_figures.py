@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from ..comparison.flown import FLOWN_CHANNELS
 from ..comparison.frequency_response import COHERENT, DECIBEL, RESPONSE_UNITS, Response, decibels_and_degrees
 from ..comparison.prediction import HORIZONS
+from .drawing import INTERVAL
 
 if TYPE_CHECKING:
     from .comparison import Comparison
@@ -20,7 +21,6 @@ NOMINAL_STYLES: tuple[dict[str, Any], ...] = (  # from light to dark in grey
     {"color": "#2f8f6b", "linewidth": 1.1, "linestyle": "-."}, {"color": "#000000", "linewidth": 1.2, "linestyle": ":"})
 CHANNEL_WORDS = {"theta": "attitude theta", "theta_dot": "rate theta_dot", "beta": "nozzle beta",
                  "beta_cmd": "command beta_cmd"}
-INTERVAL = 1.96                   # standard deviations: 95 %
 FONT_SIZE = 8    # points, of ticks and labels
 LONGEST_HORIZON = HORIZONS[-1]
 LEAST_SPAN = (6.0, 20.0)   # dB, deg: an axis shows at least a quarter of it beside what is measured

@@ -9,13 +9,13 @@ from matplotlib.figure import Figure
 
 from ..flights.pooled import PARAMETERS
 from ..formatting import with_std
+from .drawing import INTERVAL
 from .folder import Picture, paragraphs, write_report
 from .page import table, text
 
 if TYPE_CHECKING:
     from .flights import JointAnswer
 
-INTERVAL = 1.96   # standard deviations: 95 %
 WORDS = (("all", "the flights together, each weighted by what it tells"),
          ("p", "the probability that flights of one vehicle scatter as much; of a flight: against the others"),
          ("between flights", "what a6 and k1 differ by from flight to flight, one sigma, with its 95 % interval"),

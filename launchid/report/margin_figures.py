@@ -18,6 +18,7 @@ from ..robustness.flown import of_nominal
 from ..robustness.gains import kept_over
 from ..robustness.loops import Loops, loops, plants_of
 from ..robustness.margin_spread import MARGIN_NAMES, ellipsoid
+from .drawing import mark_refused
 
 DECADES = (-1.0, 0.02)   # of the frequency axis around the crossover: from, and below half the sampling rate
 CURVE_POINTS = 400
@@ -81,11 +82,7 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], required: Required)
     demand = abs(required_of(required, name)) if MARGINS[name].required else 0.0
     if demand != 0.0:
         axis.axhline(demand, color="0.0", linestyle="--", linewidth=1.1, label="required")
-    for w in windows:
-        if not w["valid"]:
-            axis.axvspan(w["t_start"], w["t_end"], facecolor="0.96", edgecolor="0.8", hatch="//", linewidth=0, zorder=0)
-            axis.text(0.5 * (w["t_start"] + w["t_end"]), 0.05, w["status"], ha="center", fontsize=6, color="0.25",
-                      transform=axis.get_xaxis_transform())
+    mark_refused(axis, windows)
     axis.set_ylabel(MARGINS[name].words + (f"\n[{MARGINS[name].unit}]" if MARGINS[name].unit else ""), fontsize=8)
     _scale(axis, np.concatenate(shown) if shown else np.zeros(0), demand)
 
