@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 from sim.errors import UsageError
@@ -21,9 +22,11 @@ from ..cli.options import (
     given,
     logs_of,
 )
-from ..log.table import REQUIRED
+from ..log.table import DRIVEN, REQUIRED
 
 if TYPE_CHECKING:
+    from sim.nominal import Nominal
+
     from ..report.comparison import Comparison
     from ..report.comparisons import Comparisons
     from ..sources import LogSource, LogSources, NominalSource
@@ -49,8 +52,8 @@ def run(args: argparse.Namespace) -> None:
     """Run `launchid compare` with its parsed arguments: print the comparison, and write what options ask for."""
     at_least("--flights", args.flights, 0)
     names, paths = logs_of(args)
-    logs = [read_noting(name, *REQUIRED, **reading(args)) for name in names]
     nominals = [read_nominal(path) for path in paths]
+    logs = [read_noting(name, *_required(nominals), **reading(args)) for name in names]
     check_outputs(args.json, plots=(args.plot,), folder=args.report)
     result = compare(logs if len(logs) > 1 else logs[0], *nominals, **given(compare, args))
     if args.report:
@@ -85,7 +88,7 @@ def compare(log: LogSources, *nominals: NominalSource, flights: int = 200,
     from ..comparison.frequency_response import frequency_responses
     from ..comparison.prediction import predictions
     from ..log.check import checked
-    from ..log.phases import phase_note
+    from ..log.phases import flight_of
     from ..progress import Counter
     from ..report.comparison import Beside, Comparison, labels, masked, report
     from ..report.headline import of_compared, shown_path
@@ -97,15 +100,14 @@ def compare(log: LogSources, *nominals: NominalSource, flights: int = 200,
     if is_several(log):
         from ..report.comparisons import Comparisons
         found = [cast("Comparison", compare(each, *believed, flights=flights, strict=strict))
-                 for each in several_logs(log, REQUIRED)]
+                 for each in several_logs(log, _required(believed))]
         return Comparisons(found) if len(found) > 1 else found[0]
-    log = read_log(cast("LogSource", log), REQUIRED)
-    said: tuple[str, ...] = ()
+    log, said = flight_of(read_log(cast("LogSource", log), _required(believed)))
     made, first = list[Beside](), None
     count = Counter(flights * len(believed), "flights with the dispersions")
     for label, nominal in zip(labels(believed), believed, strict=True):
         seen = checked(log, nominal, strict=strict)
-        said += (*seen.warnings, *phase_note(log, seen.log, seen.data))
+        said += seen.warnings
         clean = masked(seen.log, seen.data)
         first = first or clean
         made.append(Beside(label, nominal, predictions(seen.log, nominal, seen.data), flown(clean, nominal),
@@ -120,3 +122,8 @@ def compare(log: LogSources, *nominals: NominalSource, flights: int = 200,
     answer |= of_compared(answer, log.path, log.options,
                           names if len(set(names)) == len(names) else [each.label for each in made])
     return Comparison(first, made, answer, tuple(dict.fromkeys(said)))
+
+
+def _required(nominals: Sequence[Nominal]) -> tuple[str, ...]:
+    """Return the columns of a log that can be compared: with each servo known, commands stand for the nozzle."""
+    return REQUIRED if any(each.actuator is None for each in nominals) else DRIVEN

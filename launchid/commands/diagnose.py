@@ -108,7 +108,7 @@ def _diagnosed(log: LogSources, nominal: NominalSource, folder: str, *, holdout:
     from ..diagnosis.answer import extension, report
     from ..diagnosis.verdict import diagnose as examine
     from ..log.check import checked, ideal_note
-    from ..log.phases import phase_note
+    from ..log.phases import flight_of
     from ..progress import report as show
     from ..report.headline import of_diagnosed, shown_path
     from ..sources import is_several, load_nominal, read_log, several_logs
@@ -119,19 +119,20 @@ def _diagnosed(log: LogSources, nominal: NominalSource, folder: str, *, holdout:
                                               strict=strict)) for each in several_logs(log, ("t",))]
         return Diagnoses(found, nominal) if len(found) > 1 else found[0]
     log = read_log(cast("LogSource", log), ("t",))
-    second = None if holdout is None else read_log(holdout, ("t",))
+    log, noted = flight_of(log, nominal)
+    second = None if holdout is None else flight_of(read_log(holdout, ("t",)), nominal)[0]
     for each in (log, second):
         if each is not None:
             each.check_clock()
     if strict:
         checked(log, nominal, strict=strict)
     result = examine(log, nominal, second, bootstrap=bootstrap, say=show, noise=noise)
-    seen, extended = result.reading, extension(result)
+    extended = extension(result)
     said = report(result)
     said |= of_diagnosed(said, log.path, log.options, shown_path(nominal.path or nominal.name),
                          None if extended is None else _fits(log, nominal, extended, strict), extended is not None,
                          folder)
-    return Diagnosed(result, said, (*ideal_note(log), *phase_note(log, seen.log, seen.data)))
+    return Diagnosed(result, said, (*ideal_note(log), *noted))
 
 
 def _fits(log: Log, nominal: Nominal, extended: Nominal, strict: bool) -> tuple[float, float, float] | None:

@@ -87,8 +87,8 @@ def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float =
     InputError
         For a log whose columns are in another unit, of another sign or exchanged, or one that is given twice.
     """
-    from ..log.check import checked
     from ..log.commanded import with_nozzle
+    from ..log.phases import checked_flight
     from ..robustness import greybox, level
     from ..sources import each_of, load_nominal, read_log
     if not logs:
@@ -103,7 +103,7 @@ def fit_lft(logs: Sequence[LogSource], nominal: NominalSource, *, share: float =
     said: tuple[str, ...] = ()
     flights = []
     for log in progress.each(read, "logs fitted"):
-        seen = checked(log, nominal, strict=strict, refuse_columns=True)
+        seen = checked_flight(log, nominal, strict=strict, refuse_columns=True)
         seen, believed, note = with_nozzle(seen, nominal)
         said += (*seen.warnings, *note)
         flights.append(greybox.deviations(seen, believed))

@@ -50,8 +50,9 @@ def add(commands: Any) -> None:
     sub = add_command(commands, "margins", "give the stability margins of the flight's loop, with intervals",
                       "launchid margins v.csv vega_like --window 5 --tracked --plot margins.png", margins)
     add_logs(sub, LOG_HELP, f"identify with {NOMINAL_HELP}; with [actuator] (default: none, the log alone)")
-    sub.add_argument("--window", type=float, metavar="S",
-                     help="set the length of a window [s] (default %(default)s)")
+    sub.add_argument("--window", metavar="S|all",
+                     help="set the length of a window [s], or all: one window, the whole log (default %(default)s, at "
+                          "most a third of the log)")
     sub.add_argument("--controller", metavar="WHICH",
                      help="judge this controller: auto, the nominal's where its commands are the log's, else the law "
                           "that the log tells; nominal; log; or numbers as kp=1.5,kd=0.6, which need not have flown "
@@ -79,7 +80,7 @@ def run(args: argparse.Namespace) -> None:
     tell(result, args.json, args.plot)
 
 
-def margins(log: LogSources, nominal: NominalSource | None = None, *, window: float = DEFAULT_WINDOW,
+def margins(log: LogSources, nominal: NominalSource | None = None, *, window: float | str = DEFAULT_WINDOW,
             tracked: bool = False, controller: str = "auto", scale: str | None = None,
             strict: bool = False) -> FlightMargins | SeveralMargins:
     """Return the stability margins of the flight's loop as identified, with 95 % intervals, window by window.
@@ -89,8 +90,8 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
     log : path, data frame, mapping of arrays, Log, or a list of them
     nominal : path, name of a built-in one, or Nominal, optional
         With [actuator]; None: a6, k1, servo and controller are the log's.
-    window : float
-        Length of a window [s].
+    window : float or "all"
+        Length of a window [s]; "all": the whole log is one.
     tracked : bool
         Also those of the tracked estimate at each window's end; needs a nominal.
     controller : str
@@ -157,7 +158,7 @@ def _with_damping(log: Log) -> Sequence[Estimate]:
         return []
 
 
-def _alone(log: LogSource, window: float, strict: bool, asked: Choice) -> FlightMargins:
+def _alone(log: LogSource, window: float | str, strict: bool, asked: Choice) -> FlightMargins:
     """Return the margins out of a log alone."""
     from ..identification.log import identified_log
     from ..report.headline import of_identified as headline_of

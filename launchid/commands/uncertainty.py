@@ -65,21 +65,19 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float | str =
     UncertaintyLevel
     """
     from ..judge.nominal import lines, tested
-    from ..log.check import checked
     from ..log.commanded import with_nozzle
-    from ..log.phases import phase_note
+    from ..log.phases import checked_flight
     from ..robustness import level
     from ..sources import load_nominal, read_log
     nominal = load_nominal(nominal)
-    seen = checked(read_log(log), nominal, strict=strict)
+    seen = checked_flight(read_log(log), nominal, strict=strict)
     seen, believed, said = with_nozzle(seen, nominal)
     length = window_seconds(window, seen.log)
     try:
         estimates = level.follow(seen, believed, length)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    warnings = (*seen.warnings, *said, *lines(seen, tested(seen, nominal, estimates)),
-                *phase_note(seen.raw, seen.log, seen.data))
+    warnings = (*seen.warnings, *said, *lines(seen, tested(seen, nominal, estimates)))
     return UncertaintyLevel(seen.log, nominal, length, estimates, level.report(estimates), warnings)
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from launchid_core import NOISE_LEVELS
@@ -21,7 +22,8 @@ def add(commands: Any) -> None:
                           "127.0.0.1 (0: any free one)")
     add_nominal(sub, f"identify with {NOMINAL_HELP}", required=True)
     sub.add_argument("--window", type=float, default=DEFAULT_WINDOW, metavar="S",
-                     help="set the length of a window [s] (default %(default)s)")
+                     help="set the length of a window [s] (default %(default)s, at most a third of the nominal's "
+                          "duration)")
     sub.add_argument("--period", type=float, metavar="S",
                      help="set the time between samples [s] (default: the median step of the first 64 rows)")
     sub.add_argument("--noise", default="estimated", choices=NOISE_LEVELS,
@@ -53,7 +55,8 @@ def run(args: argparse.Namespace) -> None:
     if not 0 <= args.http < 1 << 16:
         raise UsageError(f"--http {args.http}: expected a port of 0 (any free one) to 65535")
     nominal = read_nominal(nominal_of(args) or "")
-    mapping = (map_for(args.source, args.map) if args.map in NAMES else load_map(args.map)) if args.map else None
+    is_there = args.map in NAMES or Path(args.source).is_file()   # then its channels tell what a map leaves open
+    mapping = (map_for(args.source, args.map) if is_there else load_map(args.map)) if args.map else None
     cut = (mapping.cut if mapping else WHOLE).but(args.from_, args.to)
     mapping = mapping and replace(mapping, cut=cut)
     source: Source

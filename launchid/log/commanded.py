@@ -8,18 +8,20 @@ that no number rests on a nozzle that nobody saw.
 
 import math
 from dataclasses import replace
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
 from sim.nominal import Nominal
 
 from .check import CheckedLog
+from .live import part, rows_of
 from .log import Log
 
 Believed = TypeVar("Believed", bound=Nominal | None)
 
 UNSEEN = 0.1   # rad, one sigma of the sensor that tells nothing: as far as any nozzle goes
+FORGOTTEN, SLOWEST = 36.0, 1.0   # time constants of a servo, after which a double holds nothing of it; rad/s, of one
 
 
 def is_of_commands(log: Log) -> bool:
@@ -46,10 +48,19 @@ def with_nozzle(seen: CheckedLog, nominal: Believed) -> tuple[CheckedLog, Believ
     if nominal is None or nominal.actuator is None:
         return _given(seen, columns, log.beta_cmd, 0.0), nominal, (
             f"{log.path}: no column beta: the command is the input, and its delay and lag are fitted",)
-    blind = replace(nominal, sensors=replace(nominal.sensors, beta_std=UNSEEN, beta_step=0.0))
-    return _given(seen, columns, predicted(log, nominal), UNSEEN), blind, (
-        f"{log.path}: no column beta: the nozzle is predicted from beta_cmd by [actuator] of "
-        f"{nominal.path or nominal.name}",)
+    given = _given(seen, columns, predicted(log, nominal), UNSEEN)
+    return given, cast("Believed", blind(nominal)), (said_of(log, nominal),)
+
+
+def blind(nominal: Nominal) -> Nominal:
+    """Return the nominal whose nozzle nobody sees."""
+    return replace(nominal, sensors=replace(nominal.sensors, beta_std=UNSEEN, beta_step=0.0))
+
+
+def said_of(log: Log, nominal: Nominal) -> str:
+    """Return the note on a nozzle that is predicted."""
+    return (f"{log.path}: no column beta: the nozzle is predicted from beta_cmd by [actuator] of "
+            f"{nominal.path or nominal.name}")
 
 
 def _given(seen: CheckedLog, columns: tuple[str, ...], beta: np.ndarray, noise: float) -> CheckedLog:
@@ -59,6 +70,30 @@ def _given(seen: CheckedLog, columns: tuple[str, ...], beta: np.ndarray, noise: 
         return made
     own = {name: x for name, x in seen.sensed.columns.items() if name != "beta"}
     return replace(made, sensed=replace(seen.sensed, columns=own, nozzle_scale=1.0))
+
+
+class LiveNozzle:
+    """Predict the nozzle of rows that come piece by piece; of earlier rows as many are kept as the servo remembers."""
+
+    def __init__(self, nominal: Nominal) -> None:
+        self._nominal = nominal
+        self._before: Log | None = None
+        servo = nominal.actuator
+        assert servo is not None
+        slowest = 1.0 / servo.time_constant if servo.time_constant > 0.0 else servo.natural_frequency * (
+            servo.damping_ratio - math.sqrt(max(servo.damping_ratio**2 - 1.0, 0.0)))
+        self._memory = servo.delay + FORGOTTEN / max(slowest, SLOWEST)
+
+    def add(self, log: Log) -> Log:
+        """Return further rows with their nozzle."""
+        whole = log if self._before is None else rows_of(self._before, log)
+        known = whole.t[np.isfinite(whole.t)]
+        beta = whole.beta_cmd if len(known) < 2 else predicted(whole, self._nominal)
+        if len(known):
+            kept = np.flatnonzero(whole.t >= known.max() - self._memory)
+            self._before = part(whole, int(kept[0]) if len(kept) else 0, len(whole.t))
+        columns = (*log.columns[:2], "beta", *log.columns[2:])
+        return replace(log, columns=columns, beta=beta[len(beta) - len(log.t):], beta_noise=UNSEEN)
 
 
 def measured_alone(log: Log) -> Log:

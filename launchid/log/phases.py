@@ -503,14 +503,29 @@ def checked_flight(log: Log, nominal: Nominal | None = None, *, strict: bool = F
     """Check a log as `check.checked`, cut to the phase in which beta moves the vehicle; a log whose rows a user chose,
     or that has one phase alone, stays whole.  A note says which phases there are and which is used."""
     seen = checked(log, nominal)
+    part, said = _flight(log, seen)
+    if said is None:
+        return checked(log, nominal, strict=strict, refuse_columns=refuse_columns) if strict or refuse_columns else seen
+    made = checked(part, nominal, strict=strict, refuse_columns=refuse_columns)
+    return replace(made, mended=(said, *made.mended))
+
+
+def flight_of(log: Log, nominal: Nominal | None = None) -> tuple[Log, tuple[str, ...]]:
+    """Return (the rows of a log in which beta moves the vehicle, a line that says so); the whole log and () if a user
+    chose its rows, or it has one phase alone."""
+    part, said = _flight(log, checked(log, nominal))
+    return part, () if said is None else (f"{log.path}: {said.message}",)
+
+
+def _flight(log: Log, seen: CheckedLog) -> tuple[Log, Fault | None]:
+    """Return (the flown rows of a log, what says so); (log, None) if they are all."""
     phases = [] if log.is_chosen else phases_of(seen.log, seen.data)
     phase = flown_phase(phases)
     if phase is None:
-        return checked(log, nominal, strict=strict, refuse_columns=refuse_columns) if strict or refuse_columns else seen
-    part = checked(Cut(phase.first, phase.last, True).of(log), nominal, strict=strict, refuse_columns=refuse_columns)
-    said = Fault("phases", None, phase.first, phase.last, 0, f"{words_of(phases)}; used: {phase.first:.6g} to "
-                                                             f"{phase.last:.6g} s (all rows: --from start)")
-    return replace(part, mended=(said, *part.mended))
+        return log, None
+    return Cut(phase.first, phase.last, True).of(log), Fault(
+        "phases", None, phase.first, phase.last, 0, f"{words_of(phases)}; used: {phase.first:.6g} to {phase.last:.6g}"
+                                                    " s (all rows: --from start)")
 
 
 def words_of(phases: list[Phase]) -> str:

@@ -177,5 +177,5 @@ def _finished(figure: Figure, one_legend: bool = False) -> Figure:
     return figure
 
 
-COMPARISON_FIGURES: "dict[str, Callable[[Comparison], Figure | None]]" = {
+COMPARISON_FIGURES: dict[str, "Callable[[Comparison], Figure | None]"] = {
     "comparison.png": comparison_figure, "dispersions.png": dispersion_figure, "responses.png": response_figure}

@@ -18,6 +18,7 @@ from sim.onboard import onboard_model
 from ..formatting import json_number, servo_lines
 from ..identification.config import log_config
 from ..judge.refusal import disbelieved
+from ..log.commanded import LiveNozzle, blind, said_of
 from ..log.live import LiveCheck
 from ..log.log import Log, log_of
 from ..report.identification import REASONS, actuator_json, change_json, report, tracked_json
@@ -66,6 +67,8 @@ class Follower:
         self._last_rows, self._rate, self._stand = LastRows(source, window), Rate(source), (False, "")
         self._waiting: deque[Log] = deque(maxlen=MOST_WAITING)  # until the period is known
         self._live_check = LiveCheck(self._ready.sample_period)
+        self._nozzle: LiveNozzle | None = None   # of rows without beta
+        self._flew_from = -math.inf   # s, the end of the pad that was left out
         self._is_known, self._refused = period is not None, ""  # is the period sure; why the last one was not used
         self.live = Live(self._head())
 
@@ -100,6 +103,7 @@ class Follower:
     def take(self, log: Log) -> None:
         """Feed further rows to the estimator and the data check, or keep them while the period is not known yet."""
         self.prepare()
+        log = self._driven(log)
         self.rows, self._came = self.rows + len(log.t), time.monotonic()
         for part, period in [(log, None)] if self._is_known else self._rate.parts(log):
             self._last_rows.add(part)
@@ -111,6 +115,17 @@ class Follower:
                 self._try(period)
         if self.estimator is not None:
             self.check(ended=False)
+
+    def _driven(self, log: Log) -> Log:
+        """Return rows of commands alone with the nozzle that the nominal's servo makes of them, others as they are."""
+        if "beta" in log.columns or "beta_cmd" not in log.columns or self._nominal.actuator is None:
+            return log
+        if self._nozzle is None:
+            self._note(said_of(log, self._nominal))
+            self._nozzle, self._nominal = LiveNozzle(self._nominal), blind(self._nominal)
+            if self.estimator is not None:
+                self._begin(self.estimator.config.sample_period)
+        return self._nozzle.add(log)
 
     def end(self) -> None:
         """Feed all rows that still wait, as no more come; InputError if they are too few to tell a period."""
@@ -164,6 +179,7 @@ class Follower:
             if self._strict:
                 raise InputError(words)
             self._note(words)
+        self._leave_pad()
         stand = self._last_rows.is_asked, self._last_rows.foreign
         if stand != self._stand:   # that of earlier windows, too
             self._stand, closed = stand, {instant(e.t_end): e for e in self.estimates}
@@ -171,6 +187,23 @@ class Follower:
             windows.rows = [window_row(self._judged(closed[row[1]])) if row[1] in closed else row
                             for row in windows.rows]
             self.live.revision += 1
+
+    def _leave_pad(self) -> None:
+        """Begin the estimator anew behind the pad, where nothing moves that could be identified."""
+        end = self._last_rows.pad_until
+        if end <= self._flew_from:
+            return
+        assert self.estimator is not None
+        self._flew_from = end
+        self._note(f"{self._source}: the pad holds it until {end:.6g} s: the estimator begins anew there")
+        self.feed_rest()
+        rows = self._last_rows.after(end)
+        self.estimates.clear()
+        self.closed, self.live.windows.rows = 0, []
+        self.estimator, self._live_check = Estimator(self.estimator.config), LiveCheck(
+            self.estimator.config.sample_period)
+        for piece in rows:
+            self._feed(self._live_check.add(piece))
 
     def _judged(self, estimate: Estimate) -> Estimate:
         """Return the estimate, not valid if the data check of the rows so far is outstanding or found wrong columns."""
@@ -265,7 +298,11 @@ class Follower:
     def report(self) -> dict[str, Any]:
         """Return identify's JSON of the last LAST_WINDOWS windows, without the fits, which need the whole log."""
         assert self.estimator is not None
-        answer = report([self._judged(e) for e in self.estimates], self.estimator, tracked=True)
+        flown = [e for e in self.estimates if e.t_end <= self._last_rows.flown_until]
+        if len(flown) < len(self.estimates):
+            self._note(f"{self._source}: from {self._last_rows.flown_until:.6g} s on beta does not move the vehicle: "
+                       f"{len(self.estimates) - len(flown)} windows are left out")
+        answer = report([self._judged(e) for e in flown], self.estimator, tracked=True)
         return answer | {"earlier_windows": self.closed - len(self.estimates)}
 
 

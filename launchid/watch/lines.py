@@ -31,10 +31,13 @@ class Lines:
                where anybody may send anything)
     say        called with each message
     mapping    map of rows with other names and units; None: columns of a log, in SI units
+    required   columns that rows must have
     malformed, last   how many rows could not be read; the message about the last of them
     """
 
-    def __init__(self, path: str, strict: bool, say: Callable[[str], None], mapping: Map | None = None) -> None:
+    def __init__(self, path: str, strict: bool, say: Callable[[str], None], mapping: Map | None = None,
+                 required: tuple[str, ...] = REQUIRED) -> None:
+        self._required = required
         self.path, self._strict, self._say = path, strict, say
         self._mapped = None if mapping is None else MappedStream(mapping)
         self._clock = "t" if mapping is None else mapping.time
@@ -108,7 +111,7 @@ class Lines:
     def _take_header(self, cells: list[str]) -> None:
         self._columns, self._headless = None, False
         where = f"line {self.number}: "
-        self._columns = (Columns(self.path, cells, REQUIRED, where) if self._mapped is None else
+        self._columns = (Columns(self.path, cells, self._required, where) if self._mapped is None else
                          self._mapped.columns(self.path, cells, where))
         if self._columns.ignored:
             self._tell(f"{self.path}: columns ignored: "

@@ -8,10 +8,11 @@ from typing import Any
 from sim.nominal import Nominal
 from sim.result import Columns
 
-from ..argument_checks import DEFAULT_WINDOW
+from ..argument_checks import DEFAULT_WINDOW, LEAST_WINDOWS, Default
 from ..convert.mapping import Map
 from ..log.check import profile_note
 from ..log.cut import WHOLE, Cut
+from ..log.table import DRIVEN, REQUIRED
 from ..report.answer import Answer, flat
 from ..report.identification import table
 from .follower import Follower
@@ -44,15 +45,19 @@ def watch(source: Source, nominal: Nominal, *, window: float = DEFAULT_WINDOW, p
           http: int = 0, say: Callable[[str], None] = lambda text: None) -> Watched:
     """Follow a source, serve its page until it ends or Ctrl-C comes, and return the result.
 
-    window, period   [s] of the estimator; period None: told by the first rows
+    window, period   [s] of the estimator; the default window is at most a third of the nominal's duration; period None:
+                     told by the first rows
     strict           raise InputError where the data check of the rows so far finds a fault
     mapping          map of rows with other names and units;  cut  the rows that are used
     http             port of the page on the loopback; 0: any free one
     say              called with lines for the user: the page's address, rows that cannot be read
     Raise KeyboardInterrupt if Ctrl-C comes before the estimator has begun.
     """
+    if isinstance(window, Default) and nominal.simulation is not None:
+        window = min(float(window), nominal.simulation.duration / LEAST_WINDOWS)
     follower = Follower(source.name, nominal, window=window, period=period, noise=noise, strict=strict, say=say)
-    lines = Lines(source.name, isinstance(source, (File, Pipe)), say, mapping)
+    lines = Lines(source.name, isinstance(source, (File, Pipe)), say, mapping,
+                  REQUIRED if nominal.actuator is None else DRIVEN)
     server = Server(follower.live, http)
     say(f"watch: {source.name} on {server.url} (Ctrl-C ends)")
     interrupted = False

@@ -61,6 +61,25 @@ def test_from_the_raw_csv_to_a6_and_k1(tmp_path, linkage, capsys):
             assert is_near(window["a6"], window["a6_std"], ROCKET.a6(begin), ROCKET.a6(end))
 
 
+def test_watched_from_the_pad_to_the_parachute(tmp_path, linkage, capsys):
+    log, first = raw(tmp_path, 31), str(tmp_path / "first.toml")
+    assert main(["nominal", log, *linkage, "--out", first]) == 0
+    windows = answer(["watch", log, "--nominal", first, *linkage, "--once"], tmp_path / "w.json")["windows"]
+    said = capsys.readouterr().err
+    assert "the pad holds it until" in said and "beta does not move the vehicle" in said
+    assert len(windows) == 3 and all(window["valid"] for window in windows)
+    for window in windows:
+        assert ROCKET.pad - 0.1 < window["t_start"] and window["t_end"] < ROCKET.pad + ROCKET.burn + 0.1
+        assert is_near(window["k1"], window["k1_std"], ROCKET.k1, ROCKET.k1)
+
+
+def test_commands_alone_are_compared(tmp_path, linkage):
+    log, first = raw(tmp_path, 31), str(tmp_path / "first.toml")
+    assert main(["nominal", log, *linkage, "--out", first]) == 0
+    one, = answer(["compare", log, first, *linkage, "--flights", "0"], tmp_path / "c.json")["nominals"]
+    assert one["channels"]["theta"]["ahead"]["0.1"]["fit"] > 90.0 and "beta" not in one["channels"]
+
+
 def test_the_same_from_a_ulog(tmp_path):
     pytest.importorskip("pyulog")
     columns = fly(ROCKET, 32)
