@@ -82,8 +82,8 @@ def diagnose(log: LogSources, nominal: NominalSource, *, holdout: LogSource | No
     Parameters
     ----------
     log : path, data frame, mapping of arrays, Log; or a list of these
-        A list: flights of one vehicle, each diagnosed. One of theta and theta_dot, and one of beta and beta_cmd, is
-        enough.
+        A list: flights of one vehicle, each diagnosed, and all of them in one fit. One of theta and theta_dot, and one
+        of beta and beta_cmd, is enough.
     nominal : path, name of a built-in one, or Nominal
     holdout : as log, optional
         A second log, to judge the extended model on; None: parts of the first.
@@ -117,7 +117,7 @@ def _diagnosed(log: LogSources, nominal: NominalSource, folder: str, *, holdout:
     if is_several(log):
         found = [cast("Diagnosed", _diagnosed(each, nominal, folder, holdout=holdout, bootstrap=bootstrap, noise=noise,
                                               strict=strict)) for each in several_logs(log, ("t",))]
-        return Diagnoses(found, nominal) if len(found) > 1 else found[0]
+        return Diagnoses(found, nominal, noise, folder) if len(found) > 1 else found[0]
     log = read_log(cast("LogSource", log), ("t",))
     log, noted = flight_of(log, nominal)
     second = None if holdout is None else flight_of(read_log(holdout, ("t",)), nominal)[0]
@@ -225,16 +225,46 @@ def _told_by_identification(logs: Sequence[Log], nominal: Nominal) -> dict[str, 
     return {name: found.report.get(name) for name in ("joint", "one_vehicle", "scatter")}
 
 
-class Diagnoses(Answer):
-    """Diagnoses of several flights of one vehicle with one nominal: that of each, and whether it is one vehicle."""
+TOGETHER = ("verdict", "where", "causes", "noise", "limits", "either", "nearest", "doubts")   # of the joint diagnosis
 
-    def __init__(self, flights: Sequence[Diagnosed], nominal: Nominal) -> None:
-        self.flights = list(flights)
+
+class Diagnoses(Answer):
+    """Diagnoses of several flights of one vehicle with one nominal: that of each, that of all of them in one fit
+    (`together`, None where that cannot be made), and whether it is one vehicle."""
+
+    def __init__(self, flights: Sequence[Diagnosed], nominal: Nominal, noise: str = "bounded",
+                 folder: str = FOLDER) -> None:
+        from ..diagnosis.answer import report
+        self.flights, self.nominal, self._folder = list(flights), nominal, folder
         logs = [each.diagnosis.reading.raw for each in flights]
         joint = _told_by_identification(logs, nominal)
-        self.report = {**joint, **self._words(), "flights": [{"log": log.path, **each.report}
-                                                             for log, each in zip(logs, flights, strict=True)]}
+        self.together, self.apart = self._joint(noise, joint["one_vehicle"])
+        own = dict.fromkeys(TOGETHER) if self.together is None else {
+            name: value for name, value in report(self.together).items() if name in TOGETHER}
+        self.report = {**joint, **own, "apart": self.apart, "flights": [
+            {"log": log.path, **each.report} for log, each in zip(logs, flights, strict=True)]}
+        self.report |= self._words()
         self.warnings = tuple(dict.fromkeys(line for each in flights for line in each.warnings))
+
+    def _joint(self, noise: str, one_vehicle: dict[str, Any] | None) -> tuple[Result | None, str]:
+        """Return (the diagnosis of all flights in one fit, "") or (None, why there is none)."""
+        from ..diagnosis.several import diagnose_jointly
+        from ..progress import report as show
+        if one_vehicle is not None and one_vehicle["differs"]:
+            return None, "the flights are not of one vehicle"
+        if once := sorted({cause["cause"] for each in self.flights for cause in each.report["causes"]
+                           if "time" in cause["parameters"]}):
+            return None, f"{', '.join(once)} is one flight's own"
+        if any(each.verdict in ("bad-data", "unexplained") for each in self.flights):
+            return None, "a flight alone is not explained"
+        found = diagnose_jointly([each.diagnosis.reading.raw for each in self.flights], self.nominal, noise, show)
+        return (None, found) if isinstance(found, str) else (found, "")
+
+    @property
+    def extension(self) -> Nominal | None:
+        """The nominal extended by the causes that all flights together show; None if there is none."""
+        from ..diagnosis.answer import extension
+        return None if self.together is None else extension(self.together)
 
     def _words(self) -> dict[str, str]:
         """Return the headline of all flights and the command to run next: the causes, each with how many flights have
@@ -242,6 +272,8 @@ class Diagnoses(Answer):
         named = [tuple(cause["cause"] for cause in each.report["causes"]) for each in self.flights]
         count = {cause: sum(cause in each for each in named) for each in named for cause in each}
         n = len(self.flights)
+        if self.together is not None and self.report["causes"]:
+            return self._words_together(count)
         wrong = [each for each in self.flights if each.report["verdict"] not in ("consistent", "bad-data")]
         if not wrong:
             return {"headline": f"None of {n} flights shows anything wrong.", "next": self.flights[0].report["next"]}
@@ -250,9 +282,25 @@ class Diagnoses(Answer):
         rest = f"{'; ' if said else ''}nothing known fits {unknown} of {n}" if unknown > 0 else ""
         return {"headline": f"{said}{rest}.", "next": wrong[0].report["next"]}
 
+    def _words_together(self, count: dict[str, int]) -> dict[str, str]:
+        """Return headline and next command of causes that all flights together show."""
+        from ..report.headline import of_cause, shown_path
+        said = "; ".join(of_cause(each["cause"], each["parameters"]) for each in self.report["causes"])
+        alone = ", ".join(f"{each['cause']} in {count.get(each['cause'], 0)} of {len(self.flights)}"
+                          for each in self.report["causes"])
+        logs = " ".join(each["log"] for each in self.report["flights"])
+        nominal = shown_path(f"{self._folder}/extension.toml") if self.extension is not None else \
+            shown_path(self.nominal.path or self.nominal.name)
+        options = self.flights[0].diagnosis.reading.raw.options
+        return {"headline": f"All flights together: {said}; alone it shows as {alone}.",
+                "next": f"launchid identify {logs} {nominal}{options}"}
+
     def summary(self) -> str:
+        from ..diagnosis.answer import lines
         from ..report.headline import closing
         parts = [f"{Path(each['log']).name}: {each['headline']}" for each in self.report["flights"]]
+        parts += [f"all flights in one fit: {self.apart}"] if self.together is None else [
+            f"all flights in one fit: {lines(self.together)[0]}", *lines(self.together)[2:]]
         p = self.report["one_vehicle"]
         one = [] if p is None else [f"one vehicle, by a6 and k1 of each flight: p {p['p']:.2g}"]
         return "\n".join([*parts, *one, *closing(self.report)])
@@ -264,6 +312,12 @@ class Diagnoses(Answer):
         return flat(rows) or {name: [] for name in ("flight", "cause", "where", "parameter", "value", "std", "unit")}
 
     def write_report(self, folder: str | Path) -> None:
-        """Write the report of each flight into a folder of its name within this one."""
+        """Write the report of each flight into a folder of its name within this one; of all flights in one fit the
+        verdict and the extension."""
+        from sim.files import make_folder, write_text
+        from sim.nominal import rewrite_nominal
+        write_text(make_folder(folder) / "verdict.json", [self.to_json(), "\n"])
+        if (extended := self.extension) is not None:
+            rewrite_nominal(extended, Path(folder) / "extension.toml")
         for each, said in zip(self.flights, self.report["flights"], strict=True):
             each.write_report(Path(folder) / Path(said["log"]).stem)

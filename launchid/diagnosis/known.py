@@ -82,6 +82,11 @@ class KnownLog:
         return float(0.5 * (self.t[0] + self.t[-2]))
 
     @cached_property
+    def about(self) -> np.ndarray:
+        """The rows' times (n,) [s] from the log's middle."""
+        return self.t[:-1] - self.centre
+
+    @cached_property
     def middle(self) -> np.ndarray:
         return self.t[:-1] + 0.5 * self.dt - self.centre
 

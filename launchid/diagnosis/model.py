@@ -66,7 +66,12 @@ class Model:
     @classmethod
     def of(cls, track: Track, bounds: str = "bounded") -> "Model":
         """Return the model of a track with the usual numbers, levels as declared."""
-        log = KnownLog(track, track.z)
+        return cls.of_log(KnownLog(track, track.z), bounds)
+
+    @classmethod
+    def of_log(cls, log: KnownLog, bounds: str = "bounded") -> "Model":
+        """Return the model of a log with the usual numbers, levels as declared."""
+        track = log.track
         noise, air = noise_of(log, bounds)
         nozzle = np.interp(track.edges[:-1], track.ticks[:-1], track.commands)
         motion = np.column_stack([filled(log.z[:, 0]), filled(log.z[:, 1]), nozzle[::track.sub]])
@@ -146,7 +151,7 @@ class Model:
         a6, k1 = log.a6 * get("a6", 1.0), log.k1
         rows["theta"] = a6 + get("term theta", log.terms.get("theta", 0.0)) - get("sine")
         rows["theta_dot"] = get("term theta_dot", log.terms.get("theta_dot", 0.0)) - get("damping")
-        beta = k1 * (get("k1", 1.0) + get("k1_slope") * (log.t[:-1] - log.centre)) + \
+        beta = k1 * (get("k1", 1.0) + get("k1_slope") * log.about) + \
             get("term beta", log.terms.get("beta", 0.0))
         f = get("moment") + k1 * get("misalignment") + a6 * get("wind") + path.force + \
             get("term 1", log.terms.get("1", 0.0)) + get("a6", 1.0) * path.air

@@ -1,0 +1,63 @@
+"""Several flights diagnosed in one fit: what no flight alone shows is found, and clean flights stay consistent."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from launchid.diagnosis.several import SeveralLogs, diagnose_jointly
+from launchid.diagnosis.verdict import diagnose
+from launchid.log.log import Log, flown_log, write_columns
+from launchid.main import main
+from sim.effects import effect
+from sim.flight import fly_whole
+from sim.nominal import load_nominal
+
+DAMPING = 0.05   # 1/s: half of what one flight shows
+
+
+def flights(seeds: range, damping: float = 0.0) -> list[Log]:
+    nominal = load_nominal("constant")
+    effects = (effect("aero_damping", coefficient=damping),) if damping else ()
+    return [flown_log(fly_whole(nominal, seed, effects=effects), f"flight {seed}") for seed in seeds]
+
+
+def test_what_one_flight_does_not_show_three_do():
+    nominal, logs = load_nominal("constant"), flights(range(41, 44), DAMPING)
+    assert diagnose(logs[0], nominal).verdict == "consistent"
+    found = diagnose_jointly(logs, nominal)
+    assert not isinstance(found, str) and found.verdict == "explained"
+    one, = found.named
+    value, std = one.parameters["coefficient"]
+    assert one.cause == "aero_damping" and abs(value - DAMPING) < 3.0 * std
+
+
+def test_clean_flights_stay_consistent_and_each_keeps_its_own_clock():
+    found = diagnose_jointly(flights(range(51, 53)), load_nominal("constant"))
+    assert not isinstance(found, str) and found.verdict == "consistent" and not found.named
+    assert found.model is not None and isinstance(found.model.log, SeveralLogs)
+    log = found.model.log
+    first = np.array(log.first)
+    assert log.tau[first] == pytest.approx(-1.0) and log.tau[first[1:] - 1] == pytest.approx(1.0)
+    assert np.all(np.diff(log.t) > 0.0)
+
+
+def test_flights_of_other_periods_are_not_joined():
+    slow = flown_log(fly_whole(load_nominal("constant"), 3, period=0.02), "slow")
+    said = diagnose_jointly([*flights(range(1, 2)), slow], load_nominal("constant"))
+    assert isinstance(said, str) and "periods" in said
+
+
+@pytest.mark.campaign
+def test_the_command_writes_what_all_flights_show(tmp_path: Path):
+    names = []
+    for log in flights(range(41, 44), DAMPING):
+        names.append(str(tmp_path / f"{log.path}.csv"))
+        write_columns(names[-1], log.measured())
+    out, report = tmp_path / "d.json", tmp_path / "report"
+    assert main(["diagnose", *names, "constant", "--json", str(out), "--report", str(report)]) == 0
+    said = json.loads(out.read_text())
+    assert [each["cause"] for each in said["causes"]] == ["aero_damping"]
+    assert "All flights together" in said["headline"] and "extension.toml" in said["next"]
+    assert load_nominal(str(report / "extension.toml")).effects[0].name == "aero_damping"
