@@ -20,7 +20,8 @@ import numpy as np
 from flights import INTERVAL, Table, nominal, run_jobs
 
 from launchid.bound.flights import flight_bound
-from sim.flight import fly_whole, parameters
+from sim.flight import fly_whole
+from sim.plant import parameters
 
 
 class Demand(NamedTuple):

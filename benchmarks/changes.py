@@ -27,9 +27,10 @@ from launchid.bound.flights import known_state_information
 from launchid_core import Config, Estimator
 from launchid_core.watch.changes import THRESHOLD
 from sim.effects import from_text
-from sim.flight import Factor, Flight, dispersion, fly_whole
+from sim.flight import Flight, fly_whole
 from sim.nominal import Nominal
 from sim.onboard import onboard_model
+from sim.plant import Factor, dispersion
 
 LOSS = 0.3
 TURBULENCE = 0.01  # rad

@@ -30,8 +30,9 @@ from flights import Table, arguments, draw, nominal, run_jobs
 
 from launchid.bound.flights import flight_bound
 from launchid_core import Config, Estimator, Model, Sample, Status
-from sim.flight import fly_whole, parameters
+from sim.flight import fly_whole
 from sim.onboard import onboard_model
+from sim.plant import parameters
 
 WINDOWS = (1.0, 5.0, 10.0)
 USEFUL = 0.3   # windows with a larger relative bound are left out

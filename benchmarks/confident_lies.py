@@ -30,8 +30,9 @@ from launchid.likelihood.estimate import information
 from launchid.log.log import flown_log
 from launchid_core import Config, EstimateStatus
 from sim.effects import from_text
-from sim.flight import fly_whole, parameters
+from sim.flight import fly_whole
 from sim.onboard import onboard_model
+from sim.plant import parameters
 
 LARGE = ("steady_wind:angle=0.03", "thrust_misalignment:angle=0.004", "attitude_bias:angle=0.005",
          "slosh:coupling=0.05,frequency=3.5", "periodic_disturbance:amplitude=0.01,frequency=5",

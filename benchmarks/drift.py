@@ -21,8 +21,9 @@ import numpy as np
 from flights import INTERVAL, Table, arguments, nominal, relative, run_jobs
 
 from launchid_core import Config, Estimator
-from sim.flight import fly_whole, parameters
+from sim.flight import fly_whole
 from sim.onboard import onboard_model
+from sim.plant import parameters
 
 WINDOW = 5.0   # s
 SPREAD = 0.15  # of a6 and k1 at first

@@ -27,8 +27,9 @@ from flights import Table, arguments, nominal, run_jobs
 
 from sim import following
 from sim.disturbance_draws import drawn_modes
-from sim.flight import Flight, dispersion, fly_whole
+from sim.flight import Flight, fly_whole
 from sim.nominal import Nominal
+from sim.plant import dispersion
 from sim.sections import constant
 
 LAUNCHER = "cr826_max_q"

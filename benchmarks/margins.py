@@ -53,8 +53,9 @@ from launchid.robustness.loops import loops, plants_of
 from launchid.robustness.margin_spread import MARGIN_NAMES, margin_table
 from launchid.robustness.montecarlo import SCENARIOS, factors
 from sim.effects import effect
-from sim.flight import Factor, Flight, fly_whole, parameters, prepare
+from sim.flight import Flight, fly_whole, prepare
 from sim.nominal import Nominal, constant_profile
+from sim.plant import Factor, parameters
 from sim.sections import Controller, Section
 from sim.vehicle.actuator import fastest_pole
 from sim.vehicle.record import LOG_ROW

@@ -14,7 +14,8 @@ import numpy as np
 from flights import INTERVAL, Table, arguments, at_rate, estimates_of, nominal, relative, run_jobs
 
 from launchid_core import EstimateStatus
-from sim.flight import fly_whole, parameters
+from sim.flight import fly_whole
+from sim.plant import parameters
 
 RATES = [25.0, 50.0, 100.0, 200.0, 400.0]  # Hz
 DEMAND = 0.01

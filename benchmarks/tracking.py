@@ -30,8 +30,9 @@ from flights import INTERVAL, OFFSETS, WIND, Table, arguments, estimates_of, nom
 from launchid.bound.flights import acting_command, noise_variances, servo_of
 from launchid.bound.information import window_information, without_offset
 from launchid.bound.world import world_of
-from sim.flight import Flight, fly_whole, parameters
+from sim.flight import Flight, fly_whole
 from sim.nominal import Nominal
+from sim.plant import parameters
 
 START = 20.0         # s
 WINDOW = 5.0         # s

@@ -19,7 +19,8 @@ from flights import INTERVAL, Table, arguments, nominal, run_jobs
 from launchid.identification.windows import run
 from launchid.robustness.level import ranged_model
 from launchid_core import BANDS, EDGES, Config
-from sim.flight import dispersion, fly_whole
+from sim.flight import fly_whole
+from sim.plant import dispersion
 
 START = 30.0         # s
 WINDOW = 1.0         # s

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from .estimator import Estimator
     from .kernels import compiled
     from .model import Model, Oscillator
-    from .order.entries import Port, port_of, precompile
+    from .order.entries import precompile
+    from .port import Port, port_of
     from .watch.uncertainty import BANDS, EDGES
 
 __version__ = VERSION
@@ -42,9 +43,9 @@ def _homes() -> Iterator[Any]:
     yield from (config, estimate, model)
     from .watch import uncertainty
     yield uncertainty
-    from . import estimator
+    from . import estimator, port
     from .order import entries
-    yield from (entries, estimator)
+    yield from (entries, estimator, port)
 
 
 def __getattr__(name: str) -> Any:

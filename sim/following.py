@@ -17,13 +17,13 @@ from launchid_core import Config, Estimator, Sample, Status
 
 from .nominal import Nominal
 from .onboard import onboard_model
+from .plant import CLOCK_DIGITS
 from .vehicle.record import LOG_ROW, Vehicle
 from .vehicle.step import advance
 
 READING_PERIOD = 0.2  # s: how often a tracked frequency is read; a mode's moves in minutes
 MIN_SAMPLES = 5       # samples in it
 HOLD = 10.0           # s, of a frequency that was valid
-CLOCK_DIGITS = 12     # decimals of a sample's time [s], as in the log
 
 
 class Tracker:

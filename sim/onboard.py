@@ -11,8 +11,8 @@ from .disturbance_draws import sources
 from .effects import values
 from .effects.actuator import slowed
 from .errors import InputError
-from .flight import gyro_shares, modes_of, packed, parameters
 from .nominal import Nominal
+from .plant import gyro_shares, modes_of, packed, parameters
 from .sections import MOST_MODES, SERVO, UNKNOWN_WIND, Actuator, Slosh
 from .vehicle.actuator import FIRST_ORDER_DAMPING
 

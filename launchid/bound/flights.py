@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
-from sim.flight import Factor, Flight, fly_whole, parameters
+from sim.flight import Flight, fly_whole
 from sim.nominal import Nominal
+from sim.plant import Factor, parameters
 
 from .information import N_UNKNOWN, WITH_SERVO, Bound, bounds_of, window_information, with_prior, without_offset
 from .step import FIRST_ORDER

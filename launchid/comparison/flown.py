@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.flight import Flight, dispersion, fly_whole, is_whole
+from sim.flight import Flight, fly_whole, is_whole
 from sim.nominal import Nominal
+from sim.plant import dispersion
 from sim.sections import Guidance, Wind
 
 from ..log.log import Log

@@ -38,8 +38,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sim.effects import values
-from sim.flight import packed, parameters
 from sim.nominal import Nominal
+from sim.plant import packed, parameters
 
 from ..log.log import Log
 from ..spectra import hann, segments

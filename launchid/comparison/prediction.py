@@ -20,8 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.flight import excitation, packed
+from sim.flight import excitation
 from sim.nominal import Nominal
+from sim.plant import packed
 
 from ..controller.command import record
 from ..controller.issued import with_commands

@@ -20,7 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim.flight import excitation, packed
+from sim.flight import excitation
+from sim.plant import packed
 
 from ..log.record import Z_THETA, Z_THETA_DOT, Record
 from ..sums import combined, least_squares, products

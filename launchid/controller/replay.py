@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.flight import excitation, packed, sections
+from sim.flight import excitation, sections
 from sim.kernels import kernel
 from sim.nominal import Nominal
+from sim.plant import packed
 from sim.vehicle.controller import filtered, limited, pseudo_derivative
 
 from ..log.log import Log

@@ -13,9 +13,9 @@ from sim.effects import Changes
 from sim.effects.actuator import PLAY, WASHOUT, slowed
 from sim.effects.environment import GUST_KIND, JUMP_KIND
 from sim.effects.plant import parameters
-from sim.flight import modes_of, packed, tuned
 from sim.kernels import kernel
 from sim.nominal import Nominal
+from sim.plant import modes_of, packed, tuned
 from sim.sections import Actuator
 
 from ..likelihood.kernel import MODE

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from launchid_core import Config
-from sim.flight import dispersion, fly_whole, parameters
+from sim.flight import fly_whole
 from sim.nominal import Nominal, built_in, load_nominal
+from sim.plant import dispersion, parameters
 
 from ..identification.windows import run
 from ..robustness.level import ranged_model

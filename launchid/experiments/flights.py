@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from launchid_core import Config
-from sim.flight import Flight, dispersion, fly_whole, parameters
+from sim.flight import Flight, fly_whole
 from sim.nominal import Nominal, Profile, built_in, load_nominal
 from sim.onboard import onboard_model
+from sim.plant import dispersion, parameters
 
 from ..identification.windows import identified, run
 from ..log.check import CheckedLog, checked

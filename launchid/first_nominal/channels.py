@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.errors import InputError
-from sim.flight import CLOCK_DIGITS
+from sim.plant import CLOCK_DIGITS
 
 from ..formatting import slow_hint
 from ..log.log import Log

@@ -15,8 +15,8 @@ import numpy as np
 
 from sim.effects import effect, values
 from sim.errors import InputError
-from sim.flight import CLOCK_DIGITS
 from sim.nominal import Nominal
+from sim.plant import CLOCK_DIGITS
 from sim.sections import Actuator, Controller
 from sim.vehicle.actuator import fastest_pole
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sim.flight import packed
 from sim.nominal import Nominal
+from sim.plant import packed
 
 from .detect import DataCheck, related
 from .fault import Fault

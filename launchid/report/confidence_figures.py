@@ -7,8 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from sim.canvas import UNIT, save
-from sim.flight import dispersion, parameters
 from sim.nominal import Nominal, built_in, load_nominal
+from sim.plant import dispersion, parameters
 
 from ..experiments.confidence import (
     BAND_A6,

@@ -11,7 +11,8 @@ from matplotlib.patches import FancyBboxPatch
 
 from launchid_core import polynomial
 from sim.canvas import UNIT, panels, save
-from sim.flight import dispersion, fly_whole, parameters
+from sim.flight import fly_whole
+from sim.plant import dispersion, parameters
 
 from ..experiments.cases import CASES
 from ..experiments.flights import START, TRUE_A6, TRUE_K1, WINDOW_A6, WINDOW_END, WINDOW_K1, Result, case_nominal

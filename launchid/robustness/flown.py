@@ -19,9 +19,9 @@ import numpy as np
 
 from launchid_core import Estimate
 from sim.errors import UsageError
-from sim.flight import packed
 from sim.nominal import Controller, Nominal
 from sim.onboard import onboard_model
+from sim.plant import packed
 
 from ..controller.fit import FittedLaw, answered, fit_law
 from ..controller.law import Law, law_of

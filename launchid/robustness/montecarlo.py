@@ -16,9 +16,10 @@ import numpy as np
 
 from launchid_core import Config
 from sim.errors import UsageError
-from sim.flight import Factor, dispersion, fly_whole
+from sim.flight import fly_whole
 from sim.nominal import Nominal, load_nominal
 from sim.onboard import onboard_model
+from sim.plant import Factor, dispersion
 
 from ..identification.windows import run
 from ..monte_carlo.campaign import Job

@@ -40,9 +40,10 @@ import numpy as np
 
 from launchid_core import Change, Config, Estimate, Estimator, Sample, Status, Tracked
 from sim.errors import InputError
-from sim.flight import CLOCK_DIGITS, Factor, prepare, steering
+from sim.flight import prepare, steering
 from sim.nominal import Nominal
 from sim.onboard import onboard_model
+from sim.plant import CLOCK_DIGITS, Factor
 from sim.vehicle.record import LOG_ROW, Vehicle
 
 from .flight_margins import Servo, declared_servo, judged, miss_words, servo_at

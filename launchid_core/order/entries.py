@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from .. import cache, checkpoint
+from .. import cache
 from ..algebra.compress import first_state
 from ..config import Config
 from ..filter import filtered, modes, servo, structure
@@ -19,7 +19,7 @@ from ..sample import Sample
 from ..watch import undeclared
 from . import onboard
 from .memory import Memory, allocate, dtype_of
-from .table import CARRIED_FROM, FILTERED, SEPARATE_ARRAYS, Struct
+from .table import FILTERED, Struct
 
 _numba: Any = numba
 NUMBERS = (*Sample._fields, "still")  # arguments of the entries that are floats; every other number is an integer
@@ -109,31 +109,6 @@ def calls_of(config: Config, memory: Memory) -> Calls:
         begin()
 
     return Calls(partial(update, memory.size, seen, words, *apart.values()), restart, report)
-
-
-class Port(NamedTuple):
-    """An estimator before its first sample, for a port to another language."""
-
-    memory: Memory              # its arrays by name (`parts`, `apart`) and the table that they come from
-    apart: dict[str, str]       # of each array that stands apart, its part: `fixed`, `state` or `work`
-    carried: str                # first line of the state that is sealed, with all after it
-    update: Callable[..., Any]  # of the memory and a Sample -> Status
-    report: Callable[..., Any] | None  # of the memory, fills the report; None for the formulations without one
-    seal: Callable[..., Any] | None  # of state, its words and rows -> seal of what is carried on; None: `fold_words`
-    preface: bytes              # of a saved state; then the words of what persists, least byte first, and the CRC-32
-    saved_bytes: int            # of a saved state
-
-
-def port_of(config: Config) -> Port:
-    """Memory and functions of a configuration."""
-    memory = allocate(config)
-    calls_of(config, memory).restart()
-    saved = checkpoint.preface(config, memory), len(checkpoint.save(config, memory))
-    name = memory.struct.name
-    apart, carried = {line[0]: line[1] for line in SEPARATE_ARRAYS[name]}, CARRIED_FROM[name]
-    if memory.struct is FILTERED:
-        return Port(memory, apart, carried, onboard.update_filtered, onboard.report_now, onboard.seal_carried, *saved)
-    return Port(memory, apart, carried, regression.update_regression, None, None, *saved)
 
 
 def table_of(samples: Any) -> np.ndarray:

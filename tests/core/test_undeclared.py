@@ -18,9 +18,10 @@ from launchid_core.filter import states as sx
 from launchid_core.order.memory import named_arrays
 from launchid_core.watch import undeclared as un
 from sim.effects import from_text
-from sim.flight import fly_whole, parameters
+from sim.flight import fly_whole
 from sim.nominal import load_nominal
 from sim.onboard import onboard_model
+from sim.plant import parameters
 from sim.sections import Offsets, Wind
 
 NOMINALS = ("constant", "vega_like", "greensite_cr826")

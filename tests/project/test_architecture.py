@@ -230,6 +230,64 @@ def test_imports_go_one_way_and_extras_are_known(files, house):
 # ---- both
 
 
+def room_of(module: str) -> str:
+    """The package's part that a module is in: `launchid.log` of `launchid.log.check`."""
+    return ".".join(module.split(".")[:2])
+
+
+def imports_when_run(tree: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
+    """Imports at any depth, but for those under `if TYPE_CHECKING`."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield node
+        elif not (isinstance(node, ast.If) and dotted(node.test) == "TYPE_CHECKING"):
+            yield from imports_when_run(node)
+
+
+def import_graph() -> dict[str, set[str]]:
+    """Module -> modules of the house that it imports, also those that it imports late."""
+    files = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+             for path in CORE + SIM + GROUND}
+    graph: dict[str, set[str]] = {}
+    for module, path in files.items():
+        package, found = path.relative_to(ROOT).with_suffix("").parts[:-1], set()
+        for node in imports_when_run(tree_of(path)):
+            if isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+                continue
+            base = [*package[:len(package) - node.level + 1]] if node.level else []
+            source = ".".join([*base, *([node.module] if node.module else [])])
+            found |= {full if (full := f"{source}.{alias.name}") in files else source for alias in node.names}
+        graph[module] = found & files.keys() - {module}
+    return graph
+
+
+def circles(graph: dict[str, set[str]]) -> list[str]:
+    """What is left when all that imports nothing left, and all that nothing left imports, is taken away."""
+    left = {name: set(to) for name, to in graph.items()}
+    while True:
+        imported = set().union(*left.values()) if left else set()
+        out = {name for name, to in left.items() if not to & left.keys() or name not in imported}
+        if not out:
+            return [f"{name} -> {', '.join(sorted(to & left.keys()))}" for name, to in sorted(left.items())]
+        left = {name: to - out for name, to in left.items() if name not in out}
+
+
+def test_no_imports_go_in_a_circle_within_or_between_packages():
+    modules = import_graph()
+    rooms: dict[str, set[str]] = {}
+    packages = {"launchid_core", "sim", "launchid"}   # whose __init__ offers what their rooms have
+    for module, to in modules.items():
+        rooms.setdefault(room_of(module), set()).update(room_of(other) for other in to)
+    graph = {room: to - {room} - packages for room, to in rooms.items() if room not in packages}
+    nowhere([*circles(modules), *circles(graph)])
+
+
+def test_the_walk_sees_a_circle():
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == ["a -> b", "b -> c", "c -> a"]
+    assert circles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
+
+
 def test_nothing_prints_but_the_terminal():
     nowhere(place(path, line, name) for path in CORE + SIM + GROUND if name_of(path) != "launchid/cli/terminal.py"
             for name, line in calls_of(path)

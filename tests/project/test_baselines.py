@@ -16,9 +16,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 import comparison
 
-from sim.flight import Flight, fly_whole, parameters
+from sim.flight import Flight, fly_whole
 from sim.nominal import Nominal, built_in, load_nominal
 from sim.onboard import onboard_model
+from sim.plant import parameters
 
 QUIET = 1.0e-9
 SECONDS = 50.0   # of a flight

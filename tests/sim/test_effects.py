@@ -21,8 +21,9 @@ from sim.effects import CATALOGUE, Effect, effect, from_table, from_text, pack, 
 from sim.effects.plant import acceleration
 from sim.effects.table import TERM
 from sim.errors import InputError, UsageError
-from sim.flight import SUITES, Flight, fly, fly_whole, parameters
+from sim.flight import SUITES, Flight, fly, fly_whole
 from sim.nominal import BUILT_IN, Multisine, Nominal, Profile, built_in, load_nominal, write_nominal
+from sim.plant import parameters
 from sim.vehicle.record import FLIGHT
 
 COLUMNS = ("t", "theta_ref", "beta_cmd", "beta", "theta", "theta_dot", "theta_ddot", "a6", "k1")

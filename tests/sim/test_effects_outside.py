@@ -26,8 +26,9 @@ from launchid.bound.flights import flight_bound
 from launchid.diagnosis.verdict import diagnose
 from sim.disturbance_draws import drawn_wind
 from sim.effects import effect, from_text, pack
-from sim.flight import Flight, fly_whole, parameters
+from sim.flight import Flight, fly_whole
 from sim.nominal import Drift, Multisine, Nominal, Wind
+from sim.plant import parameters
 from sim.vehicle.actuator import FIRST_ORDER_DAMPING, FREE_MOTION, POLE_STEP, fastest_pole, servo_motion
 from sim.vehicle.record import FLIGHT
 

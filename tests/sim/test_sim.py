@@ -16,8 +16,9 @@ from unjitted import unjitted, unjitted_module
 
 from sim.effects import Changes, from_text
 from sim.errors import InputError, UsageError
-from sim.flight import SUITES, Flight, dispersion, fly, fly_whole, noise
+from sim.flight import SUITES, Flight, fly, fly_whole, noise
 from sim.nominal import BUILT_IN, built_in, load_nominal
+from sim.plant import dispersion
 from sim.sections import Section
 from sim.vehicle.actuator import delayed_command
 from sim.vehicle.controller import limited

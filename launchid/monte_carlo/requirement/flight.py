@@ -15,9 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sim.disturbance_draws import drawn_modes, drawn_offsets
-from sim.flight import dispersion, prepare, steering
+from sim.flight import prepare, steering
 from sim.kernels import apart
 from sim.nominal import Nominal
+from sim.plant import dispersion
 from sim.vehicle.record import LOG_ROW, Vehicle
 from sim.vehicle.step import advance
 

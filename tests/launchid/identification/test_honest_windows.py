@@ -26,9 +26,10 @@ from launchid.weakform.rows import usable
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core.regression import residual
 from sim.effects import from_text
-from sim.flight import fly_whole, parameters
+from sim.flight import fly_whole
 from sim.nominal import Nominal, load_nominal
 from sim.onboard import onboard_model
+from sim.plant import parameters
 
 PERIOD = 0.01
 autoregression, bandwidth, long_run, own_variance = map(unjitted, (

@@ -28,8 +28,9 @@ from launchid.monte_carlo.requirement.flight import METRICS, Flyer, flight_jobs
 from launchid.monte_carlo.requirement.grammar import requirement
 from launchid.monte_carlo.requirement.sequential import Count, Planned, Sequential, wilks_rank
 from sim.errors import InputError, UsageError
-from sim.flight import dispersion, fly_whole
+from sim.flight import fly_whole
 from sim.nominal import Nominal, Offsets, Profile, Sensors, Wind, load_nominal, write_nominal
+from sim.plant import dispersion
 
 PROBABILITY, CONFIDENCE = 0.00135, 0.9   # of Hanson & Beard: 99.865 % with 10 % consumer's risk
 

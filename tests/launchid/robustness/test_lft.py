@@ -22,8 +22,9 @@ from launchid.robustness.lft import (
     star,
 )
 from sim.errors import InputError
-from sim.flight import dispersion, fly_whole
+from sim.flight import fly_whole
 from sim.nominal import BUILT_IN, Nominal, Profile, built_in, constant_profile, load_nominal
+from sim.plant import dispersion
 
 linalg = pytest.importorskip("scipy.linalg")
 

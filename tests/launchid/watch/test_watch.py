@@ -34,9 +34,10 @@ from launchid.watch.sources import Source, open_source
 from launchid_core import Config, Estimator, Status
 from launchid_core.watch.tracker import STEADY, TRACKER_WALK
 from sim.errors import UsageError
-from sim.flight import fly, fly_whole, parameters
+from sim.flight import fly, fly_whole
 from sim.nominal import Nominal, load_nominal
 from sim.onboard import onboard_model
+from sim.plant import parameters
 
 ROOT = Path(__file__).resolve().parents[3]
 SECONDS = 12.0      # of the log that is watched

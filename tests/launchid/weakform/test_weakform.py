@@ -19,8 +19,8 @@ from launchid.sources import read_log
 from launchid.weakform.fit import SPAN, gls, noise_likelihoods, spectrum, whiteness
 from launchid.weakform.late import acting_later, without_beginnings
 from launchid.weakform.rows import FAST_THETA, Rows, sines, term_modes, usable
-from sim.flight import parameters
 from sim.nominal import load_nominal
+from sim.plant import parameters
 
 TERMS = ("theta", "beta", "1")
 H = 0.01
