@@ -1,7 +1,8 @@
 """Margins of flights: do their 95 % intervals hold the truth, do they warn, does the gate refuse what it must?
 
-    python benchmarks/margins.py coverage|warnings|gate|another|clean|fitted|alone [--flights N] [--seed 0]
-                                 [--nominal NAME] [--law NAME] [--vehicle NAME] [--moving]
+    python benchmarks/margins.py coverage|warnings|gate|another|clean|fitted|alone|gains|undeclared
+                                 [--flights N] [--seed 0] [--nominal NAME] [--law NAME] [--vehicle NAME] [--moving]
+                                 [--seen columns|others|half]
 
 In the first three the servo is not known: it is declared with sigmas of 0.3, 0.3 and 0.02 s about the nominal's.
 
@@ -26,7 +27,12 @@ fitted: the controller is none that the nominal has: the laws of tests/any_law.p
 windows, flown by an integration of its own; the nominal has the true vehicle and servo, and another controller. The
 truth is python-control's. Flights whose reference moves; without --moving then those whose reference stands. +-: median
 half-widths.
-alone: the same without a nominal.
+alone: the same without a nominal.  --seen others: the columns are of other sensors than the controller's; half: every
+second row.
+
+gains: `--scale` asks for other gains than flew, a factor of 0.7 to 1.4 on each; the truth is the loop with these gains,
+as it would fly. undeclared: damping or slosh that the nominal does not have, `flight` suite; the truth is the loop with
+it.
 
 clean: nothing is wrong; controller and log at 25 to 200 Hz, and logs faster and slower than the controller.  Lost: the
 share of the windows that the estimator has numbers of and the tests of controller and servo refuse.
@@ -47,6 +53,7 @@ import launchid
 from launchid.bound.flights import flight_bound
 from launchid.monte_carlo.campaign import draw_jobs
 from launchid.robustness import reconfigure
+from launchid.robustness.airframe import airframe_of
 from launchid.robustness.flight_margins import declared_servo, servo_at
 from launchid.robustness.flown import UNCHECKED, loop_that_flew
 from launchid.robustness.loops import loops, plants_of
@@ -62,7 +69,8 @@ from sim.vehicle.record import LOG_ROW
 from sim.vehicle.step import advance
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from any_law import GUIDANCE, LAWS, STILL, Vehicle, fly, truth
+from any_law import GUIDANCE, LAWS, STILL, Vehicle, fly, pd, truth
+from any_law import law as any_law_of
 
 SPREAD, SERVO_SPREAD, MOST_DELAY = 0.2, 0.3, 0.03
 SIGMA = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}
@@ -390,16 +398,24 @@ def scaled(name: str, vehicle: str) -> Any:
     return law._replace(b=factor * law.b, c=factor * law.c, d=factor * law.d)
 
 
-def judged_law(name: str, vehicle: str, moves: bool, alone: bool, seed: int) -> dict[str, np.ndarray]:
+def believed_of(of: Vehicle, period: float) -> Nominal:
+    """Return a nominal of the true vehicle and servo, with another controller of that period [s]."""
+    believed = nominal("constant")
+    return dataclasses.replace(
+        believed, vehicle=constant_profile(of.a6, of.k1), controller=dataclasses.replace(
+            believed.controller, period=period), actuator=dataclasses.replace(
+            believed.actuator, natural_frequency=of.frequency, damping_ratio=of.damping, delay=of.delay))
+
+
+def judged_law(name: str, vehicle: str, moves: bool, alone: bool, seen: str, seed: int) -> dict[str, np.ndarray]:
     """Ask the margins of a flight behind a law.  counts: windows, refused; inside, far (n, 5): whether each interval
-    holds the truth, whether it is beyond three half-widths; half (n, 5)."""
+    holds the truth, whether it is beyond three half-widths; half (n, 5).  seen: by the controller."""
     law, of = scaled(name, vehicle), VEHICLES[vehicle]
     draw = 1000 * seed + 10 * list(LAWS).index(name) + list(VEHICLES).index(vehicle)   # no two with the same noise
-    columns = fly(law, of, draw, guidance=GUIDANCE if moves else STILL)
-    believed = nominal("constant")
-    believed = dataclasses.replace(believed, vehicle=constant_profile(of.a6, of.k1), actuator=dataclasses.replace(
-        believed.actuator, natural_frequency=of.frequency, damping_ratio=of.damping, delay=of.delay))
-    made = launchid.margins(columns, None if alone else believed, window=LONG, controller="log")
+    columns = fly(law, of, draw, guidance=GUIDANCE if moves else STILL, copies=seen == "others")
+    if seen == "half":
+        columns = {key: x[::2] for key, x in columns.items()}
+    made = launchid.margins(columns, None if alone else believed_of(of, law.T), window=LONG, controller="log")
     right, inside, far, halves = truth(law, of, 20_000), [], [], []
     for each in made.windows:
         spread = each.window.spread
@@ -421,7 +437,7 @@ def any_law(args: argparse.Namespace, alone: bool) -> None:
         print("the reference moves" if moves else "the reference stands")
         table = Table("law 14", "windows 7d", "refused 6.1%", *(f"{margin} 6.1%" for margin in MARGIN_NAMES),
                       "far 6.2%", *(f"+-{each} 7.3g" for each in ("dB", "dB", "deg", "ms", "1")))
-        jobs = [(name, vehicle, moves, alone, seed) for name in args.law for vehicle in args.vehicle
+        jobs = [(name, vehicle, moves, alone, args.seen, seed) for name in args.law for vehicle in args.vehicle
                 for seed in args.seeds]
         every = run_jobs(judged_law, jobs)
         for name in args.law:
@@ -450,15 +466,98 @@ def out_of_log(args: argparse.Namespace) -> None:
     any_law(args, True)
 
 
+SCALED = {"pd": (1.2, 0.5, 0.05), "pd hot": (3.0, 1.1, 0.03), "pd soft": (0.7, 0.35, 0.1)}   # kp, kd, time constant
+LEAST_FACTOR, MOST_FACTOR = 0.7, 1.4
+
+
+def rescaled(name: str, vehicle: str, seed: int) -> np.ndarray:
+    """Ask the margins of other gains than flew; return whether each interval holds the truth (n, 5)."""
+    law, of = scaled(name, vehicle), VEHICLES[vehicle]
+    draw = 1000 * seed + 10 * list(SCALED).index(name) + list(VEHICLES).index(vehicle)
+    f, g = np.random.default_rng((921, draw)).uniform(LEAST_FACTOR, MOST_FACTOR, 2)
+    kp, kd, tau = SCALED[name]
+    den, top = pd(f * kp, g * kd, tau)
+    right = truth(any_law_of(den, GAIN_SCALE[vehicle] * top), of, 20_000)
+    made = launchid.margins(fly(law, of, draw), believed_of(of, law.T), window=LONG, controller="log",
+                            scale=f"kp={f},kd={g}")
+    inside = []
+    for spread in (each.window.spread for each in made.windows):
+        if spread is not None:
+            inside.append([i.low - 2e-4 <= x <= i.high + 2e-4
+                           for x, i in zip(right, (getattr(spread, name) for name in MARGIN_NAMES), strict=True)])
+    return np.array(inside).reshape(-1, 5)
+
+
+def gains(args: argparse.Namespace) -> None:
+    """Print how often the intervals of gains that did not fly hold the margins that they would have."""
+    table = Table("law 10", "windows 7d", *(f"{margin} 6.1%" for margin in MARGIN_NAMES))
+    jobs = [(name, vehicle, seed) for name in SCALED for vehicle in args.vehicle for seed in args.seeds]
+    made = run_jobs(rescaled, jobs)
+    for name in SCALED:
+        inside = np.concatenate([each for each, job in zip(made, jobs, strict=True) if job[0] == name])
+        table.row(name, len(inside), *inside.mean(axis=0))
+    inside = np.concatenate(made)
+    held = inside.mean(axis=0)
+    table.row("every law", len(inside), *held, good=bool(np.all((held >= HELD_LEAST) & (held <= HELD_MOST))))
+
+
+UNDECLARED = {"damping 0.1": ("aero_damping", {"coefficient": 0.1}),
+              "damping 0.3": ("aero_damping", {"coefficient": 0.3}),
+              "slosh 2 %": ("slosh", {"coupling": 0.02, "frequency": 4.0}),
+              "slosh 5 %": ("slosh", {"coupling": 0.05, "frequency": 4.0})}
+
+
+def hidden(name: str, kind: str, seed: int) -> tuple[int, np.ndarray, np.ndarray]:
+    """Ask the margins of a flight with what the nominal does not have; return the windows, and of those with margins
+    whether each interval holds the truth, and is beyond three half-widths (n, 5)."""
+    believed = nominal(name)
+    effects = [effect(UNDECLARED[kind][0], **UNDECLARED[kind][1])]
+    true = dataclasses.replace(believed, effects=(*believed.effects, *effects))
+    flight = fly_whole(true, seed)
+    if flight.lost:
+        return 0, np.zeros((0, 5)), np.zeros((0, 5))
+    made = launchid.margins(_columns(flight), believed)
+    inside, far = [], []
+    for each in made.windows:
+        if each.window.spread is None:
+            continue
+        middle = 0.5 * (each.t_start + each.t_end)
+        airframe, servo = airframe_of(true, middle), true.actuator
+        row = [*_at(true, middle, 1.0, 1.0), servo.natural_frequency, servo.damping_ratio, servo.delay,
+               airframe.damping, *(x for mode in airframe.modes for x in (mode.frequency, mode.size))]
+        right = margin_table(loops(plants_of(np.array([row]), False, airframe.modes), believed.controller))[0]
+        intervals = [getattr(each.window.spread, margin) for margin in MARGIN_NAMES]
+        inside.append([i.low <= x <= i.high for x, i in zip(right, intervals, strict=True)])
+        far.append([abs(x - i.value) > 3.0 * max(i.high - i.value, i.value - i.low)
+                    for x, i in zip(right, intervals, strict=True)])
+    return len(made.windows), np.array(inside).reshape(-1, 5), np.array(far).reshape(-1, 5)
+
+
+def undeclared(args: argparse.Namespace) -> None:
+    """Print for each nominal and what it does not have how many windows have margins, and how often they hold."""
+    table = Table("nominal 16", "what 12", "windows 7d", "refused 6.1%", *(f"{margin} 6.1%" for margin in MARGIN_NAMES),
+                  "far 6.2%")
+    for name in args.nominal:
+        for kind in UNDECLARED:
+            made = run_jobs(hidden, [(name, kind, seed) for seed in args.seeds])
+            count = sum(each[0] for each in made)
+            inside, far = (np.concatenate([each[k] for each in made]) for k in (1, 2))
+            held = inside.mean(axis=0) if len(inside) else np.full(5, np.nan)
+            table.row(name, kind, count, 1.0 - len(inside) / max(count, 1), *held,
+                      float(np.mean(far.any(axis=1))) if len(far) else 0.0,
+                      good=not len(inside) or bool(np.all(held >= HELD_LEAST)))
+
+
 PARTS: dict[str, tuple[Callable[[argparse.Namespace], None], int]] = {
     "coverage": (coverage, 100), "warnings": (warnings, 200), "gate": (gate, 100), "another": (another, 4),
-    "clean": (clean, 10), "fitted": (fitted, 2), "alone": (out_of_log, 1)}  # and their flights, if not said
+    "clean": (clean, 10), "fitted": (fitted, 2), "alone": (out_of_log, 1), "gains": (gains, 4),
+    "undeclared": (undeclared, 3)}  # and their flights, if not said
 
 
 def main() -> None:
     """Run the part that is asked for."""
     args = arguments(__doc__, PARTS, flights=0, seed=0, law=list(LAWS), vehicle=list(VEHICLES),
-                     moving=False)
+                     moving=False, seen=("columns", "others", "half"))
     part, flights = PARTS[args.part]
     args.seeds = range(args.seed, args.seed + (args.flights or flights))
     part(args)

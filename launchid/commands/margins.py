@@ -117,7 +117,7 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
     from ..identification.windows import identified
     from ..log.commanded import measured_alone, with_nozzle
     from ..log.phases import checked_flight
-    from ..robustness.airframe import is_command, told_damping, with_damping, with_unknown_servo, without_nozzle
+    from ..robustness.airframe import is_command, with_damping, with_unknown_servo, without_nozzle
     from ..robustness.flight_margins import declared_servo
     from ..robustness.flown import choice
     from ..sources import is_several, load_nominal, read_log, several_logs
@@ -138,7 +138,7 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
     if is_command(seen.log):   # nobody saw the nozzle: its servo is estimated from the motion
         seen = replace(seen, log=without_nozzle(seen.log))
         nominal = with_unknown_servo(nominal)
-    nominal, damping = with_damping(nominal, told_damping(_with_damping(seen.log)))
+    nominal, damping = with_damping(nominal, _damping(seen.log, nominal))
     seen, believed, said = with_nozzle(seen, nominal)
     config = log_config(seen.log, believed, str(window_for(window, seen.log)), "filtered", True, seen.bridged,
                         library="rigid-body")
@@ -148,14 +148,20 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
                          result.estimator.changes(), tracked, (*warnings, *result.warnings), asked, damping)
 
 
-def _with_damping(log: Log) -> Sequence[Estimate]:
-    """Return the windows of a log by the weak form, without a nominal, with the damping of its rate among the terms."""
+def _damping(log: Log, nominal: Nominal) -> Damping:
+    """Return the damping of the rate that a log tells by the weak form, without its nominal; it is not told of one with
+    modes, which the weak form has not."""
     from ..identification.log import identified_log
+    from ..robustness.airframe import modes_at, pooled_damping
     from ..sources import read_log
+    if modes_at(nominal, 0.0)[0]:
+        return pooled_damping([], [])
     try:
-        return identified_log(read_log(log), window=DAMPING_WINDOW, library=DAMPING_LIBRARY).result.judged.estimates
+        judged = identified_log(read_log(log), window=DAMPING_WINDOW, library=DAMPING_LIBRARY).result.judged
     except InputError:   # too short, for one
-        return []
+        return pooled_damping([], [])
+    # the windows as fitted: what else the weak form lacks, a k1 that changes for one, is the filter's to judge
+    return pooled_damping(judged.fitted, judged.covariances, nominal.wind is not None or nominal.offsets is not None)
 
 
 def _alone(log: LogSource, window: float | str, strict: bool, asked: Choice) -> FlightMargins:
@@ -166,11 +172,12 @@ def _alone(log: LogSource, window: float | str, strict: bool, asked: Choice) -> 
     from ..robustness import flight_margins as fm
     from ..robustness.log_alone import margins_alone
     from ..sources import read_log
-    found = identified_log(read_log(log), window=window, strict=strict)
+    found = identified_log(read_log(log), window=window, strict=strict, library=DAMPING_LIBRARY)
     answer = report_of(found.result)
     answer |= headline_of(answer, found.log.path, found.log.options, None, False)
     judged = found.result.judged
-    windows, servo, flown = margins_alone(found.log, judged.estimates, judged.late, answer.get("delay"), asked)
+    windows, servo, flown = margins_alone(found.log, judged.estimates, judged.covariances, judged.late,
+                                          answer.get("delay"), asked)
     report = fm.report(windows, servo, Required(), False, flown)
     if not any(each["valid"] for each in report["windows"]):
         report["why"] = why(report["windows"]).replace("is valid", "has margins")
@@ -189,9 +196,9 @@ def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequenc
     from ..robustness.flown import loop_that_flew
     declared = fm.declared_servo(nominal)
     servos = [fm.servo_at(declared, e) for e in estimates]
-    flown = loop_that_flew(log, nominal, estimates, servos, asked)
+    flown = loop_that_flew(log, nominal, estimates, servos, asked, damping)
     if damping is not None:
-        (flown.findings if damping.is_used else flown.assumed).extend(damping.words)
+        (flown.findings if damping.is_another else flown.assumed).extend(damping.words)
     windows = fm.flight_margins(estimates, changes, flown, servos, nominal, tracked, damping)
     servo = fm.last_servo(servos, declared)
     report = fm.report(windows, servo, nominal.margins, tracked, flown)

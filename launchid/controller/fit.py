@@ -12,8 +12,9 @@
    the few rows at its kinks, which are left out.
 5. *Gains that change*.  In a window every coefficient may go linearly with time.
 
-What no such law explains is refused: another sensor's column, rows between the controller's ticks, a limiter, a dead
-band.  A noisy column is no less a reason: a regression on it would be biased, and no interval would say so.
+What no such law explains is refused: a limiter, a dead band, or columns that are not what the controller saw, as
+another sensor's or those of rows between its ticks.  A regression on such columns would be biased, and no interval
+would say so: for these there is `robustness.closed_loop`.
 
 Commands at the deflection limit, and those that follow from them, are left out.
 """
@@ -56,7 +57,7 @@ PAIRS = {"error": ("theta", "theta_ref"), "rate_error": ("theta_dot", "rate_ref"
 class Answered:
     """A log at its controller's ticks: arrays (n,), NaN where not known.
 
-    t [s];  columns  name -> theta, theta_dot, theta_ref, rate_ref;  command [rad] less the nominal's test input;
+    t [s];  columns  name -> theta, theta_dot, theta_ref, rate_ref, beta;  command [rad] less the nominal's test input;
     free  bool, the command is not at the limit;  period [s];  steps  name -> resolution of the column's digits
     """
 
@@ -83,6 +84,7 @@ class FittedLaw:
     order, of   how many commands back it remembers; the columns that it answers
     left, size  [rad] rms that it leaves on rows left out; rms step of the command
     is_slow     whether its gains change linearly in the ticks
+    is_likely   whether it is the likelihood's, of a log that does not hold what the controller saw
     """
 
     law: Law
@@ -93,10 +95,11 @@ class FittedLaw:
     left: float
     size: float
     is_slow: bool = False
+    is_likely: bool = False
 
     def laws(self, numbers: np.ndarray) -> Law:
         """Return the laws of rows of numbers (m, k)."""
-        return _law(numbers, self.order, self.of, self.law.period)
+        return law_of_numbers(numbers, self.order, self.of, self.law.period)
 
     @property
     def gains_std(self) -> dict[str, float]:
@@ -127,7 +130,7 @@ def answered(log: Log, nominal: Nominal | None = None) -> Answered | str:
         return f"the log's rows are not {log.period:g} s apart"
     index = np.rint(at[on]).astype(np.int64)
     grid = {name: np.full(int(index.max()) + 1, math.nan)
-            for name in ("beta_cmd", "theta", "theta_dot", "theta_ref", "rate_ref")}
+            for name in ("beta_cmd", "theta", "theta_dot", "theta_ref", "rate_ref", "beta")}
     for name, column in grid.items():
         column[index] = getattr(log, name)[on]
     held, phase = _held(grid["beta_cmd"])
@@ -260,8 +263,8 @@ def _regression(ticks: Answered, order: int, of: tuple[str, ...], slow: bool) ->
     covariance = np.zeros((count, count))
     if rounding > 0.0 or slow:
         covariance = _covariance(table, x, noise, order + differences)[:count, :count]
-    fitted = FittedLaw(_law(x[:count], order, answers, ticks.period), x[:count], covariance, order, answers, left, step,
-                       slow)
+    law = law_of_numbers(x[:count], order, answers, ticks.period)
+    fitted = FittedLaw(law, x[:count], covariance, order, answers, left, step, slow)
     return _Tried(left / max(step, 1e-300), is_rounded or left < (NEARLY if slow else EXACT) * step, fitted)
 
 
@@ -372,7 +375,7 @@ def _covariance(table: np.ndarray, x: np.ndarray, noise: np.ndarray, lags: int) 
     return np.asarray(inverse @ middle @ inverse) / np.outer(scale, scale)
 
 
-def _law(numbers: np.ndarray, order: int, of: tuple[str, ...], period: float) -> Law:
+def law_of_numbers(numbers: np.ndarray, order: int, of: tuple[str, ...], period: float) -> Law:
     """Return the law or laws of numbers (k,) or (m, k): past commands, then the columns `of` with their lags."""
     lags, one = order + 1, np.ones((*numbers.shape[:-1], 1))
     parts = {"lag": np.concatenate([one, -numbers[..., :order]], axis=-1)}

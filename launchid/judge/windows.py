@@ -28,7 +28,8 @@ WEAK_STATUSES = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # w
 @dataclass(frozen=True, eq=False)
 class Judged:
     """The windows as judged: estimates (refused if the log contradicts them), fit of each, lacks, when beta acts, what
-    was not tested, the weak form's estimates before, terms that were tested."""
+    was not tested, the weak form's estimates before, terms that were tested, and of the weak form the covariance (q, q)
+    of each window's terms (None: it has none)."""
 
     estimates: list[Estimate]
     fits: list[WindowFit]
@@ -38,6 +39,7 @@ class Judged:
     unchecked: str = ""
     fitted: list[Estimate] = field(default_factory=list)
     terms: tuple[str, ...] = ()
+    covariances: list[np.ndarray | None] = field(default_factory=list)
 
 
 def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], is_weak: bool,
@@ -60,7 +62,7 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
     if rows is None:
         return Judged([refused(e, EstimateStatus.SHORT) if e.valid else e for e in estimates],
                       [WindowFit() for _ in estimates], [], unchecked=asked.unchecked, fitted=estimates)
-    made = _made(rows, estimates, asked, doubts, is_weak, config.formulation)
+    made, covariances = _made(rows, estimates, asked, doubts, is_weak, config.formulation)
     lacks = {lack.what: lack for _, _, each, _ in made for lack in each}
     untested = sum(e.status == EstimateStatus.UNCHECKED for e, *_ in made)
     reason = asked.unchecked or (f"{untested} windows have too few rows to test {len(asked.terms)} coefficients: "
@@ -72,7 +74,7 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
             terms, reason = rest.terms, ""
             lacks = {lack.what: lack for lack in (Lack(AT_REST), *rest.lacks)}
     return Judged([e for e, *_ in made], [fit for _, fit, *_ in made], list(lacks.values()), asked.lead, late, reason,
-                  [fitted for *_, fitted in made], terms)
+                  [fitted for *_, fitted in made], terms, covariances if is_weak else [])
 
 
 @lru_cache(maxsize=1)
@@ -115,8 +117,10 @@ def asked_terms(config: Config, estimates: list[Estimate]) -> tuple[str, ...]:
 
 
 def _made(rows: Rows, estimates: list[Estimate], asked: Question, doubts: list[np.ndarray],
-          is_weak: bool, formulation: str) -> list[tuple[Estimate, WindowFit, list[Lack], Estimate]]:
-    """Return for every window (estimate, its fit, what it lacks, the estimate before it was refused)."""
+          is_weak: bool, formulation: str) -> tuple[list[tuple[Estimate, WindowFit, list[Lack], Estimate]],
+                                                    list[np.ndarray | None]]:
+    """Return for every window (estimate, its fit, what it lacks, the estimate before it was refused), and its
+    coefficients' covariance."""
     windows = list[tuple[Rows, tuple[str, ...], Modes | None]]()
     for e in estimates:
         terms = asked.terms if is_weak or not e.valid else active_terms(e)
@@ -124,9 +128,10 @@ def _made(rows: Rows, estimates: list[Estimate], asked: Question, doubts: list[n
         m = term_modes(part, terms) if len(part.t) > 1 else None
         windows.append((part, terms, m if m and len(m.y) >= PER_COEFFICIENT * (len(terms) + 1) else None))
     fits = window_fits(rows, windows, asked.whole, doubts, is_weak)
-    return [((refused(e, EstimateStatus.UNCHECKED) if e.valid else e), WindowFit(), [], e) if m is None or fit is None
-            else _of_window(rows, part, m, fit, e, terms, asked, is_weak, formulation)
+    made = [((refused(e, EstimateStatus.UNCHECKED) if e.valid else e), WindowFit(), list[Lack](), e)
+            if m is None or fit is None else _of_window(rows, part, m, fit, e, terms, asked, is_weak, formulation)
             for e, (part, terms, m), fit in zip(estimates, windows, fits, strict=True)]
+    return made, [None if fit is None or fit.is_singular else fit.covariance for fit in fits]
 
 
 def _of_window(rows: Rows, part: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...], asked: Question,

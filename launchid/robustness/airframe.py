@@ -1,8 +1,9 @@
 """The airframe of a frozen loop beside a6 and k1: damping of its rate, modes; and a servo that nobody saw.
 
 Damping.  The filter that flies has none but the nominal's.  What the log tells of it is fitted window by window by the
-weak form, without a nominal, and pooled.  Where it is told well (DAMPING_TOLD) and is not the nominal's beyond doubt
-(DAMPING_SIGMAS), the nominal gets it, a6 and k1 are identified with it, and its deviation is in the margins.
+weak form, without a nominal, and pooled (`pooled_damping`).  Where it is told well, a6 and k1 are
+identified with it; else the nominal's stands, known to DAMPING_SUPPOSED.  In both cases its error is in the margins,
+and a6 and k1 move with it as they do in the weak form: by their slopes in the damping, cov(a6, damping)/var(damping).
 
 A servo that nobody saw.  A log whose beta is the command, or that has none, shows its servo in the motion alone.  There
 the servo is unknown, by SUPPOSED about the nominal's, and estimated beside a6 and k1.
@@ -24,72 +25,118 @@ from sim.nominal import Nominal
 from ..log.log import Log
 from .loops import Mode
 
-DAMPING_TOLD = 0.05    # 1/s, one sigma: in wind, which damping looks like, it is four times as large
-DAMPING_SIGMAS = 4.0   # beyond which a damping is another one than the nominal's
+DAMPING_SUPPOSED = 0.05  # 1/s, one sigma about the nominal's where the log does not tell it better: of launchers at
+#                        greatest dynamic pressure; in wind, which damping looks like, a log tells it to 0.2
+DAMPING_SIGMAS = 4.0   # beyond which a damping is another one than the nominal's, beyond doubt
 DAMPING_ROWS = 2       # windows, at least
+DAMPING_FAR = 5.0      # standard deviations from the median: of another vehicle than in the other windows
 SUPPOSED = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}   # of a servo nobody saw
 
 
 class Airframe(NamedTuple):
-    """What is known of the loop beside a6, k1, servo and controller: damping [1/s] and its standard deviation, a factor
-    on the commands, modes."""
+    """What is known of the loop beside a6, k1, servo and controller: damping [1/s], its standard deviation and by how
+    much a6 and k1 move with it, a factor on the commands, modes."""
 
     damping: float = 0.0
     damping_std: float = 0.0
     gain: float = 1.0
     modes: tuple[Mode, ...] = ()
     modes_std: tuple[float, ...] = ()   # of frequency [rad/s] and size of each mode
+    slopes: tuple[float, float] = (0.0, 0.0)   # of a6, k1 [1/s^2] in the damping [1/s]
+
+
+class DampedWindow(NamedTuple):
+    """A window that tells the damping [1/s], and how a6 and k1 move with it."""
+
+    middle: float    # s
+    damping: float   # 1/s
+    std: float
+    slopes: tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Damping:
-    """The damping of the rate [1/s] as a log tells it, its standard deviation, and the nominal's before."""
+    """The damping of the rate [1/s] as a log tells it, its standard deviation (inf: not told), the nominal's before."""
 
     value: float
     std: float
+    windows: tuple[DampedWindow, ...] = ()
     believed: float = 0.0
 
     @property
     def is_told(self) -> bool:
-        return self.std <= DAMPING_TOLD
+        return self.std <= DAMPING_SUPPOSED
 
     @property
-    def is_used(self) -> bool:
+    def is_another(self) -> bool:
         """Whether it is not the nominal's, beyond doubt."""
         return self.is_told and abs(self.value - self.believed) > DAMPING_SIGMAS * self.std
 
     @property
-    def json(self) -> dict[str, float]:
-        return {"value": self.value, "std": self.std}
+    def used(self) -> tuple[float, float]:
+        """Return the damping that the loop has, and its standard deviation: the log's where it tells it, else the
+        nominal's and what the log leaves of DAMPING_SUPPOSED."""
+        if self.is_told:
+            return self.value, self.std
+        return self.believed, 1.0 / math.sqrt(1.0 / DAMPING_SUPPOSED**2 + 1.0 / self.std**2)
+
+    def slopes_at(self, t: float) -> tuple[float, float]:
+        """Return by how much a6 and k1 move with the damping in the window next to t [s]."""
+        if not math.isfinite(self.std):
+            return 0.0, 0.0
+        return min(self.windows, key=lambda each: abs(each.middle - t)).slopes
+
+    @property
+    def json(self) -> dict[str, float | None]:
+        return dict(zip(("value", "std"), self.used, strict=True))
 
     @property
     def words(self) -> list[str]:
         """One sentence where it matters, else none."""
-        if self.is_used:
-            return [f"the airframe's damping is {self.value:.3g} +- {self.std:.2g} 1/s, the nominal has "
-                    f"{self.believed:.3g}: a6, k1 and the loop are with the log's"]
+        value, std = self.used
+        if self.is_another:
+            return [f"the airframe's damping is {value:.3g} +- {std:.2g} 1/s, the nominal has {self.believed:.3g}: a6, "
+                    "k1 and the loop are with the log's"]
         if not self.is_told:
-            return [f"the airframe's damping is the nominal's (the log tells it to {self.std:.2g} 1/s alone)"]
+            return [f"the airframe's damping is the nominal's to {std:.2g} 1/s, which is in the intervals (the log "
+                    "does not tell it)"]
         return []
 
 
-def told_damping(estimates: Sequence[Estimate]) -> Damping | None:
-    """Return the damping that windows with the term theta_dot agree on; None if fewer than DAMPING_ROWS tell it."""
-    told = [(-float(e.xi[e.terms.index("theta_dot"), 1]), e.terms_std["theta_dot"]) for e in estimates
-            if e.valid and math.isfinite(e.terms_std.get("theta_dot", math.nan))]
-    if len(told) < DAMPING_ROWS:
-        return None
-    value, std = np.array(told).T
-    weight = 1.0 / std**2
-    return Damping(float(np.sum(weight * value) / np.sum(weight)), float(1.0 / math.sqrt(np.sum(weight))))
+def pooled_damping(estimates: Sequence[Estimate], covariances: Sequence[np.ndarray | None],
+                   has_offset: bool = True) -> Damping:
+    """Return the damping that windows with the term theta_dot agree on, not told if fewer than DAMPING_ROWS do.
+
+    covariances  of the terms of each window;  has_offset: a6 and k1 are fitted beside an offset that nobody knows.
+    Windows far from the others, in which k1 changed for one, are left out. Where the rest is further apart than chance
+    has it, the deviation is larger by as much (Birge, Phys. Rev. 40, 1932).
+    """
+    windows = []
+    for e, covariance in zip(estimates, covariances, strict=True):
+        if not e.valid or covariance is None or not {"theta", "beta", "theta_dot"} <= set(e.terms):
+            continue
+        k = e.terms.index("theta_dot")
+        free = [e.terms.index(term) for term in ("theta", "beta", *(("1",) if has_offset and "1" in e.terms else ()))]
+        information = np.linalg.inv(covariance)
+        slopes = np.linalg.solve(information[np.ix_(free, free)], information[free, k])   # the damping is less the term
+        windows.append(DampedWindow(0.5 * (e.t_start + e.t_end), -float(e.xi[k, 1]), math.sqrt(covariance[k, k]),
+                                    (float(slopes[0]), float(slopes[1]))))
+    if len(windows) < DAMPING_ROWS:
+        return Damping(0.0, math.inf, tuple(windows))
+    value, std = np.array([(each.damping, each.std) for each in windows]).T
+    near = np.abs(value - np.median(value)) < DAMPING_FAR * np.hypot(std, np.median(std))
+    value, weight = value[near], 1.0 / std[near]**2
+    if len(value) < max(DAMPING_ROWS, len(windows) // 2):
+        return Damping(0.0, math.inf, tuple(windows))
+    mean = float(np.sum(weight * value) / np.sum(weight))
+    apart = float(np.sum(weight * (value - mean)**2)) / (len(value) - 1)
+    return Damping(mean, math.sqrt(max(apart, 1.0) / float(np.sum(weight))), tuple(windows))
 
 
-def with_damping(nominal: Nominal, told: Damping | None) -> tuple[Nominal, Damping | None]:
-    """Return the nominal with the log's damping where it is another one, and the damping beside the nominal's."""
-    if told is None:
-        return nominal, None
+def with_damping(nominal: Nominal, told: Damping) -> tuple[Nominal, Damping]:
+    """Return the nominal with the damping that the log tells, and the damping beside the nominal's."""
     told = replace(told, believed=airframe_of(nominal).damping)
-    if not told.is_used:
+    if not told.is_told:
         return nominal, told
     more = made_effect("aero_damping", coefficient=told.value - told.believed)
     return dataclasses.replace(nominal, effects=(*nominal.effects, more)), told
@@ -117,11 +164,12 @@ def with_unknown_servo(nominal: Nominal) -> Nominal:
     return replace(nominal, actuator=replace(servo, **given))
 
 
-def airframe_of(nominal: Nominal, t: float = 0.0, seen: Sequence[Any] = (), damping_std: float = 0.0) -> Airframe:
+def airframe_of(nominal: Nominal, t: float = 0.0, seen: Sequence[Any] = (),
+                told: Damping | None = None) -> Airframe:
     """Return what a nominal's modes and effects add to the loop frozen at t [s].
 
-    seen         the modes as an estimate has them (`Estimate.modes`), in place of the nominal's numbers
-    damping_std  [1/s] of the damping
+    seen  the modes as an estimate has them (`Estimate.modes`), in place of the nominal's numbers
+    told  how well the damping is known, None: it is the nominal's
     """
     damping, gain = 0.0, 1.0
     modes, std = modes_at(nominal, t)
@@ -135,7 +183,8 @@ def airframe_of(nominal: Nominal, t: float = 0.0, seen: Sequence[Any] = (), damp
             damping += float(given["coefficient"])
         elif effect.name == "actuator_gain":
             gain *= float(given["scale"])
-    return Airframe(damping, damping_std, gain, tuple(modes), tuple(std))
+    damping_std, slopes = (0.0, (0.0, 0.0)) if told is None else (told.used[1], told.slopes_at(t))
+    return Airframe(damping, damping_std, gain, tuple(modes), tuple(std), slopes)
 
 
 def modes_at(nominal: Nominal, t: float) -> tuple[list[Mode], list[float]]:

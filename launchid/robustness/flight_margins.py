@@ -27,7 +27,7 @@ from ..formatting import json_number, servo_lines
 from . import flown as fl
 from .airframe import Airframe, Damping, airframe_of
 from .gains import allowed, telling
-from .margin_spread import MARGIN_NAMES, MARGINS, Known, Spread, margin_spread
+from .margin_spread import MARGIN_NAMES, MARGINS, Known, Spread, joined, margin_spread
 
 # of what has margins or has none; else the estimator's own status
 OK_MARK, CHANGE_MARK, UNKNOWN_MARK = "OK", "CHANGE", "UNKNOWN"
@@ -95,20 +95,18 @@ def flight_margins(estimates: Sequence[Estimate], changes: Sequence[Change], flo
 
     is_tracked  also those of the tracked estimates, which else are UNKNOWN;  damping  how well the log tells it
     """
-    damping_std = damping.std if damping is not None and damping.is_used else 0.0
     windows = []
     for k, e in enumerate(estimates):
         controller = flown.judged[k]
         if k in flown.refused or controller is None:
             of_window = of_tracked = Judged(flown.refused.get(k, fl.UNCHECKED))
         else:
-            servo = servos[k] if flown.servo is None else servos[k]._replace(covariance=flown.servo)
+            servo = servos[k] if flown.servo is None else flown.servo
             middle, seen = 0.5 * (e.t_start + e.t_end), getattr(e, "modes", ())
-            of_window = _of_window(e, changes, servo, controller, airframe_of(nominal, middle, seen, damping_std))
+            of_window = _of_window(e, changes, servo, controller, airframe_of(nominal, middle, seen, damping))
             of_tracked = Judged(UNKNOWN_MARK)
             if is_tracked:
-                of_tracked = _of_tracked(e, changes, servo, controller,
-                                         airframe_of(nominal, e.t_end, seen, damping_std))
+                of_tracked = _of_tracked(e, changes, servo, controller, airframe_of(nominal, e.t_end, seen, damping))
         windows.append(WindowMargins(e.t_start, e.t_end, of_window, of_tracked))
     return windows
 
@@ -150,20 +148,26 @@ def margins_of(rigid: Sequence[float], servo: Servo, controller: fl.Judged, airf
     covariance[2:5, 2:5] = servo.covariance
     if count > 5:
         mean[5], covariance[5, 5] = airframe.damping, airframe.damping_std**2
+        moved = np.array(airframe.slopes) * airframe.damping_std   # of a6 and k1, which were fitted with this damping
+        covariance[:2, :2] += np.outer(moved, moved)
+        covariance[:2, 5] = covariance[5, :2] = moved * airframe.damping_std
         mean[6:] = [float(x) for mode in modes for x in (mode.frequency, mode.size)]
         covariance[6:, 6:] = np.diag(np.square(airframe.modes_std))
+    known = [_with_law(mean, covariance, count, servo, each, airframe) for each in controller.each]
+    spread = joined([margin_spread(one, each.law) for one, each in zip(known, controller.each, strict=True)])
+    return Judged(OK_MARK, known[0], spread, controller)
+
+
+def _with_law(mean: np.ndarray, covariance: np.ndarray, count: int, servo: Servo, controller: fl.Judged,
+              airframe: Airframe) -> Known:
+    """Return what is known of a loop with the numbers of a law that was fitted beside the plant's `count`."""
     laws = None
     if controller.fitted is not None and controller.fitted.covariance.any():
         numbers, fitted = len(controller.fitted.numbers), controller.fitted
         covariance = np.block([[covariance, np.zeros((count, numbers))],
                                [np.zeros((numbers, count)), fitted.covariance]])
-        mean = np.append(mean, fitted.numbers)
-
-        def laws(rows: np.ndarray) -> fl.Law:
-            return controller.laws(rows).times(airframe.gain)
-
-    known = Known(mean, covariance, count, servo.is_first_order, airframe.modes, laws)
-    return Judged(OK_MARK, known, margin_spread(known, controller.law.times(airframe.gain)), controller)
+        mean, laws = np.append(mean, fitted.numbers), controller.laws
+    return Known(mean, covariance, count, servo.is_first_order, airframe.modes, laws, airframe.gain)
 
 
 def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, gains: tuple[float, float] | None = None) -> Judged:

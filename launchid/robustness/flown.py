@@ -2,7 +2,8 @@
 
 Controller.  The nominal's is one hypothesis: it is replayed over the log, and where its commands are the log's it flew.
 Where they are not, or where it cannot be replayed, the law is fitted to the log (`controller.fit`), over the whole
-flight or, if that does not explain the commands, window by window.  What is left is refused: CONTROLLER where commands
+flight or, if that does not explain the commands, window by window; else, where the columns are not what the controller
+saw, by the likelihood of the closed loop (`closed_loop`).  What is left is refused: CONTROLLER where commands
 are there that no law explains, UNCHECKED where there is nothing to ask.  A log without commands still has its nozzle:
 where that answers the commands that the nominal's controller would have issued as the servo does, both flew.
 
@@ -27,6 +28,8 @@ from ..controller.fit import FittedLaw, answered, fit_law
 from ..controller.law import Law, law_of
 from ..controller.replay import MIN_COMMANDS, Replay, constants_of, issued, replay, rms
 from ..log.log import Log
+from .airframe import DAMPING_SUPPOSED, SUPPOSED, Damping, airframe_of
+from .closed_loop import data_of, fit_closed_loop
 from .servo_check import contradictions, followed, words
 
 CONTROLLER, MODEL_MARK, UNCHECKED = "CONTROLLER", "MODEL", "UNCHECKED"   # another controller, another servo, not asked
@@ -35,6 +38,12 @@ DECLARE = "; declare natural_frequency_sigma, damping_ratio_sigma, delay_sigma i
 AUTO, OF_NOMINAL, OF_LOG, GIVEN = "auto", "nominal", "log", "given"      # sources of the controller that is judged
 SLOWER = 1.5   # of the controller's period: rows that far apart miss commands
 SCALABLE = ("kp", "kd")
+OFF_GRID = 0.02        # of a period, by which rows may be off the controller's
+MOST_PERIODS = 3       # of the controller between two rows
+STILL = 3.0            # mean square of windows' a6 and k1 about their mean, over their variances, of a constant vehicle
+WIDER = 2.0            # times the deviation of that mean, for the closed loop's own a6 and k1
+SERVO_NEAR = np.array([0.02, 0.02, 5e-4])   # ln frequency, ln damping ratio, delay [s]: as a known servo is known
+ANOTHER_SERVO = 16.3   # chi square of three, 99.9 %
 
 
 class Servo(NamedTuple):
@@ -102,6 +111,7 @@ class Judged:
     source: str
     law: Law
     fitted: FittedLaw | None = None
+    others: tuple[FittedLaw, ...] = ()     # that are as likely as the fitted one
     controller: Controller | None = None   # of the nominal, or given
     late: float = 0.0                      # periods of computing time of `controller`
     kp: float = 1.0                        # factors on the gains
@@ -121,6 +131,11 @@ class Judged:
         """Return the laws of rows of the fitted law's numbers (m, k)."""
         assert self.fitted is not None
         return self.fitted.laws(numbers).scaled(self.kp, self.kd)
+
+    @property
+    def each(self) -> list["Judged"]:
+        """Return it with each of the laws that the log leaves, the fitted one first."""
+        return [self, *(replace(self, law=each.law.scaled(self.kp, self.kd), fitted=each) for each in self.others)]
 
     @property
     def json(self) -> dict[str, float | str]:
@@ -158,13 +173,13 @@ class Flown:
 
     judged    for each window its controller, None where it is refused
     refused   window number -> status (CONTROLLER, MODEL or UNCHECKED)
-    servo     (3, 3) covariance of a servo that is declared as known and that the log tells no better; None: as declared
+    servo     of a servo that is declared as known: what the log leaves of it; None: as declared
     findings  sentences on them;  assumed  sentences on what the log cannot test
     """
 
     judged: list[Judged | None]
     refused: dict[int, str] = field(default_factory=dict)
-    servo: np.ndarray | None = None
+    servo: Servo | None = None
     findings: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
 
@@ -180,8 +195,9 @@ def of_nominal(nominal: Nominal) -> Judged:
 
 
 def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate], servos: Sequence[Servo],
-                   asked: Choice | None = None) -> Flown:
-    """Return the controller and the refusals of each window (estimate); servos: what is known of the servo in each."""
+                   asked: Choice | None = None, damping: Damping | None = None) -> Flown:
+    """Return the controller and the refusals of each window (estimate); servos: what is known of the servo in each;
+    damping: of the airframe."""
     asked = Choice() if asked is None else asked
     flown = Flown([None] * len(estimates))
     if asked.source == GIVEN:
@@ -190,7 +206,7 @@ def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate], se
         flown.assumed.append(f"the controller is the given one, which need not have flown ({given.words})")
         commands = log
     else:
-        commands = _controllers(flown, log, nominal, estimates, servos, asked)
+        commands = _controllers(flown, log, nominal, estimates, servos, asked, damping)
     _servos(flown, commands, nominal, estimates, servos)
     flown.judged = [None if k in flown.refused or each is None else each.scaled(asked.kp, asked.kd)
                     for k, each in enumerate(flown.judged)]
@@ -217,7 +233,7 @@ def _given(nominal: Nominal, asked: Choice) -> Judged:
 
 
 def _controllers(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[Estimate], servos: Sequence[Servo],
-                 asked: Choice) -> Log:
+                 asked: Choice, damping: Damping | None) -> Log:
     """Find the controller of each window; return the log with its commands, recomputed if it has none."""
     own = None if nominal.controller is None else of_nominal(nominal)
     left = list(range(len(estimates)))      # windows whose controller is not known yet
@@ -238,6 +254,9 @@ def _controllers(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[E
     if own is not None and asked.source == AUTO and not np.isfinite(log.beta_cmd).any():
         return _by_the_nozzle(flown, log, nominal, estimates, servos, own, untested)
     still = [k for k in left if flown.judged[k] is None]
+    if still and np.isfinite(log.beta_cmd).any():
+        reason = likely_laws(flown, log, nominal, estimates, servos, still, damping, contradicted) or reason
+        still = [k for k in still if flown.judged[k] is None]
     if still:
         is_there = np.isfinite(log.beta_cmd).any() and (bool(contradicted) or asked.source == OF_LOG)
         status = CONTROLLER if is_there else UNCHECKED
@@ -303,6 +322,90 @@ def fitted_laws(flown: Flown, log: Log, nominal: Nominal | None, estimates: Sequ
         before = f"{contradicted}; " if contradicted else ""
         flown.findings.append(f"in {counted(taken, estimates)} {before}the controller is the log's:{how} {last.words}")
     return reason
+
+
+def likely_laws(flown: Flown, log: Log, nominal: Nominal | None, estimates: Sequence[Estimate],
+                servos: Sequence[Servo], windows: Sequence[int], damping: Damping | None,
+                contradicted: str = "") -> str:
+    """Give windows the law by the likelihood of the closed loop, of a log whose columns are not what the controller
+    saw, or whose rows are slower; return why there is none, or ""."""
+    ticks, own = answered(log, nominal), None if nominal is None else nominal.controller
+    if isinstance(ticks, str):
+        return ticks
+    m = 1 if own is None else max(1, round(ticks.period / own.period))
+    is_off = own is not None and abs(ticks.period / own.period - m) > OFF_GRID
+    if is_off or m > MOST_PERIODS:
+        return f"the log's rows are {ticks.period:g} s apart, more than {MOST_PERIODS} or no whole number of periods"
+    if nominal is not None and (nominal.test_input is not None or airframe_of(nominal).modes):
+        return "with a test input or modes the likelihood of the closed loop is not made"
+    data, plant = data_of(ticks, m), _plant(estimates, servos, damping, m > 1)
+    if isinstance(data, str) or isinstance(plant, str):
+        return data if isinstance(data, str) else str(plant)
+    found = fit_closed_loop(data, *plant)
+    if isinstance(found, str):
+        return found
+    first = found[0]
+    judged = Judged(OF_LOG, first.law.law, first.law, tuple(each.law for each in found[1:]))
+    if m > 1:
+        turn = np.array([math.exp(first.plant[2]), math.exp(first.plant[3]), 1.0])
+        servo = Servo(first.plant[2:5] * [0.0, 0.0, 1.0] + turn * [1.0, 1.0, 0.0],
+                      first.plant_covariance[2:5, 2:5] * np.outer(turn, turn))
+        if why := _another_servo(servo, servos):
+            flown.refused |= dict.fromkeys(windows, MODEL_MARK)
+            flown.findings.append(f"in {counted(windows, estimates)} {why} (MODEL)")
+            return ""
+        flown.servo = servo
+    for k in windows:
+        flown.judged[k] = judged
+    of = f"{m} periods of the controller lie between rows" if m > 1 else "its columns are not what the controller saw"
+    before = f"{contradicted}; " if contradicted else ""
+    flown.findings.append(
+        f"in {counted(windows, estimates)} {before}the controller is the log's, by the likelihood of the closed loop ("
+        f"{of}): {judged.words}" + (f"; {len(found) - 1} other laws are as likely, and in the intervals"
+                                     if len(found) > 1 else ""))
+    return ""
+
+
+def _plant(estimates: Sequence[Estimate], servos: Sequence[Servo], damping: Damping | None,
+           is_servo_free: bool) -> tuple[np.ndarray, np.ndarray] | str:
+    """Return the plant (6,) for the likelihood of the closed loop, a6, k1, ln frequency, ln damping ratio, delay of the
+    servo, damping, and what is not known of it (6, 6); a sentence if it is no constant one.
+
+    is_servo_free  the servo is as unknown as SUPPOSED
+    """
+    told = np.array([(e.a6, e.k1, e.a6_std, e.k1_std) for e in estimates if e.valid]).reshape(-1, 4)
+    if not len(told):
+        return "no window has a6 and k1"
+    value, std = told[:, :2], np.maximum(told[:, 2:], 1e-9)
+    weight = 1.0 / std**2
+    mean = np.sum(weight * value, axis=0) / np.sum(weight, axis=0)
+    if np.any(np.mean(((value - mean) / std)**2, axis=0) > STILL):
+        return "a6 or k1 change in the flight, for which the likelihood of the closed loop has no place"
+    servo = servos[-1]
+    if servo.is_first_order or not np.isfinite(servo.mean).all():
+        return "the servo is not of second order"
+    unit = np.array([1.0 / servo.mean[0], 1.0 / servo.mean[1], 1.0])
+    covariance = np.zeros((6, 6))
+    covariance[:2, :2] = np.diag(WIDER**2 / np.sum(weight, axis=0))
+    covariance[2:5, 2:5] = servo.covariance * np.outer(unit, unit) + np.diag(np.square(SERVO_NEAR))
+    if is_servo_free:
+        covariance[2:5, 2:5] = np.diag(np.square(list(SUPPOSED.values())))
+    d, d_std = (0.0, DAMPING_SUPPOSED) if damping is None else damping.used
+    covariance[5, 5] = d_std**2
+    return np.array([*mean, math.log(servo.mean[0]), math.log(servo.mean[1]), servo.mean[2], d]), covariance
+
+
+def _another_servo(found: Servo, servos: Sequence[Servo]) -> str:
+    """Return a sentence if the servo that the closed loop shows is not the one that is declared, else ""."""
+    off = found.mean - servos[-1].mean
+    spread = found.covariance + servos[-1].covariance + np.diag(np.square(SERVO_NEAR * np.array(
+        [found.mean[0], found.mean[1], 1.0])))
+    chi = float(off @ np.linalg.solve(spread, off))
+    if chi < ANOTHER_SERVO:
+        return ""
+    w, zeta, delay = found.mean
+    return (f"the servo is another: {w:.3g} rad/s, damping ratio {zeta:.2g}, delay {1e3 * delay:.3g} ms make the "
+            "closed loop likelier")
 
 
 def _as_fast(law: FittedLaw | str, log: Log, nominal: Nominal | None) -> FittedLaw | str:
@@ -373,6 +476,9 @@ def _servos(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[Estima
     follows = followed(log, replace(model, noise_period=min(of_log)) if of_log else model)
     is_known = not any(each.covariance.any() for each in servos)
     if isinstance(follows, str):
+        if flown.servo is not None:   # the closed loop told it
+            flown.assumed.append("the servo does not change (its numbers are the closed loop's)")
+            return
         if not is_known:
             flown.assumed.append("the servo does not change, and is what the motion shows of it about the declared one "
                                  f"(not tested: {follows})")
@@ -389,7 +495,7 @@ def _servos(flown: Flown, log: Log, nominal: Nominal, estimates: Sequence[Estima
         w, zeta, delay = asked.shown
         told = "the servo's numbers are those declared: differences below"
         if asked.deviation[2] > nominal.diagnosis.timing:
-            flown.servo = asked.covariance
+            flown.servo = servos[0]._replace(covariance=asked.covariance)
             told = "the servo is as uncertain as the log leaves it, about the declared numbers: differences below"
         flown.assumed.append(f"{told} {w:.2g} rad/s, {zeta:.2g} of the damping ratio, {1e3 * delay:.2g} ms of delay "
                              "would not have shown" + DECLARE)

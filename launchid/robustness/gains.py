@@ -9,6 +9,7 @@ required too.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,7 +55,7 @@ def allowed(judged: Sequence["JudgedMargins"], required: Required) -> dict[str, 
 def _range(judged: Sequence["JudgedMargins"], name: str, required: Required) -> list[float | None]:
     """Return the least and the largest factor on a gain that every window bears, about 1 or next to it."""
     factors = np.sort(np.append(FACTORS, 1.0))
-    kept = np.array([_kept(each, {name: factors}, required).all(axis=1) for each in judged])   # windows, factors
+    kept = _kept_by(judged, name, factors, required)   # windows, factors
     good = np.flatnonzero(kept.all(axis=0))
     if len(good) == 0:
         return [None, None]
@@ -77,8 +78,8 @@ def _limit(judged: Sequence["JudgedMargins"], name: str, good: float, bad: float
     start = good
     for _ in range(FINER):
         half = math.sqrt(good * bad)
-        bears = [bool(_kept(each, {name: np.array([half])}, required).all()) for each in judged]
-        if all(bears):
+        bears = _kept_by(judged, name, np.array([half]), required)[:, 0]
+        if bears.all():
             good = half
         else:
             bad, judged = half, [each for each, does in zip(judged, bears, strict=True) if not does]
@@ -86,7 +87,9 @@ def _limit(judged: Sequence["JudgedMargins"], name: str, good: float, bad: float
     def misses(factor: float) -> bool:
         for each in judged:
             assert each.known is not None and each.controller is not None
-            if margin_spread(each.known, each.controller.scaled(**{name: factor}).law).below(required):
+            scaled = each.controller.scaled(**{name: factor})
+            known = each.known if each.known.laws is None else replace(each.known, laws=scaled.laws)
+            if margin_spread(known, scaled.law).below(required):
                 return True
         return False
 
@@ -99,27 +102,49 @@ def _limit(judged: Sequence["JudgedMargins"], name: str, good: float, bad: float
     return good
 
 
+def _kept_by(judged: Sequence["JudgedMargins"], name: str, factors: np.ndarray, required: Required) -> np.ndarray:
+    """Return whether each window (w,) keeps what is required with factors (n,) on a gain, with all of its worst loops
+    (w, n).  Windows with one controller are judged together."""
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for k, each in enumerate(judged):
+        assert each.known is not None and each.controller is not None
+        key = id(each.controller), each.known.count, each.known.is_first_order, each.known.modes
+        groups.setdefault(key, []).append(k)
+    kept = np.zeros((len(judged), len(factors)), bool)
+    for group in groups.values():
+        rows = [spread.worst for k in group if (spread := judged[k].spread) is not None]
+        every = _keeps(judged[group[0]], np.concatenate(rows), {name: factors}, required)
+        ends = np.cumsum([0, *map(len, rows)])
+        for k, first, last in zip(group, ends[:-1], ends[1:], strict=True):
+            kept[k] = every[:, first:last].all(axis=1)
+    return kept
+
+
 def kept_over(judged: "JudgedMargins", kp: np.ndarray, kd: np.ndarray, required: Required) -> np.ndarray:
     """Return for factors kp, kd (n,) on the gains of a window's controller 2 where what is required is kept with 95 %,
     1 where the estimate alone keeps it, 0 where it does not."""
-    kept = _kept(judged, {"kp": kp, "kd": kd}, required)
+    assert judged.spread is not None
+    kept = _keeps(judged, judged.spread.worst, {"kp": kp, "kd": kd}, required)
     return np.where(kept.all(axis=1), 2.0, np.where(kept[:, 0], 1.0, 0.0))
 
 
-def _kept(judged: "JudgedMargins", factors: dict[str, np.ndarray], required: Required) -> np.ndarray:
-    """Return for factors on gains, arrays (n,) by name, whether the estimate and each of a window's worst loops keep
-    what is required (n, 1 + w)."""
-    known, spread, controller = judged.known, judged.spread, judged.controller
-    assert known is not None and spread is not None and controller is not None
-    laws = [controller.scaled(**dict(zip(factors, each, strict=True))).law
-            for each in zip(*(x.tolist() for x in factors.values()), strict=True)]
-    rows, count = spread.worst[:, :known.count], len(spread.worst)
-    theta, rate, lag = (np.repeat([getattr(each, part) for each in laws], count, axis=0)
-                        for part in ("theta", "rate", "lag"))
-    law = Law(theta, rate, lag, laws[0].period)
-    table = margin_table(loops(plants_of(np.tile(rows, (len(laws), 1)), known.is_first_order, known.modes), law))
+def _keeps(judged: "JudgedMargins", worst: np.ndarray, factors: dict[str, np.ndarray],
+           required: Required) -> np.ndarray:
+    """Return for factors on gains, arrays (n,) by name, whether loops with the numbers `worst` (w, k) of a window's
+    kind keep what is required (n, w)."""
+    known, controller = judged.known, judged.controller
+    assert known is not None and controller is not None
+    count, parts = len(worst), []
+    for each in zip(*(x.tolist() for x in factors.values()), strict=True):
+        scaled = controller.scaled(**dict(zip(factors, each, strict=True)))
+        law = scaled.law if known.laws is None else scaled.laws(worst[:, known.count:])
+        parts.append([np.broadcast_to(x, (count, x.shape[-1])) for x in (law.theta, law.rate, law.lag)])
+    theta, rate, lag = (np.concatenate(x) for x in zip(*parts, strict=True))
+    law = Law(theta, rate, lag, controller.law.period).times(known.gain)
+    plants = plants_of(np.tile(worst[:, :known.count], (len(parts), 1)), known.is_first_order, known.modes)
+    table = margin_table(loops(plants, law))
     kept = np.any(table, axis=1)
     for k, margin in enumerate(MARGINS.values()):
         if margin.required:
             kept = kept & (margin.sign * table[:, k] >= getattr(required, margin.required))
-    return np.asarray(kept).reshape(len(laws), count)
+    return np.asarray(kept).reshape(len(parts), count)

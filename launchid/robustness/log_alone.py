@@ -20,12 +20,12 @@ from launchid_core import Estimate
 from ..log.log import Log
 from ..weakform.late import Late
 from . import flown as fl
-from .airframe import Airframe
+from .airframe import Airframe, Damping, pooled_damping
 from .flight_margins import UNKNOWN_MARK, Judged, Servo, WindowMargins, margins_of
 from .servo_check import contradictions, servo_of, words
 
 AS_FAST_AS_NONE = 2000.0   # rad/s, of a servo that does not lag
-DAMPING = "theta_dot"   # its coefficient
+DAMPING = "theta_dot"   # the term whose coefficient is less the damping
 
 
 class Alone(NamedTuple):
@@ -36,27 +36,30 @@ class Alone(NamedTuple):
     flown: fl.Flown
 
 
-def margins_alone(log: Log, estimates: Sequence[Estimate], late: Late | None, delay: dict[str, Any] | None,
-                  asked: fl.Choice) -> Alone:
+def margins_alone(log: Log, estimates: Sequence[Estimate], covariances: Sequence[np.ndarray | None],
+                  late: Late | None, delay: dict[str, Any] | None, asked: fl.Choice) -> Alone:
     """Return the margins of the windows that `identify` estimated without a nominal.
 
+    covariances  of the terms of each window
     late, delay  by how much beta acts later than it is logged (`identify`): what is in a6 and k1; its JSON, None: not
                  known
     """
     if asked.source == fl.OF_NOMINAL:
         raise fl.UsageError("--controller nominal: expected a nominal; without one the controller is the log's")
     flown = fl.Flown([None] * len(estimates))
-    commands = with_commands(log)
+    commands, damping = with_commands(log), pooled_damping(estimates, covariances)
     reason = fl.fitted_laws(flown, commands, None, estimates, range(len(estimates)))
-    still = [k for k, each in enumerate(flown.judged) if each is None]
+    servo, gain, gain_variance = _servo(flown, commands, estimates, late, delay)
+    still = [k for k, each in enumerate(flown.judged) if each is None and k not in flown.refused]
+    if still and np.isfinite(log.beta_cmd).any():
+        reason = fl.likely_laws(flown, commands, None, estimates, [servo], still, damping) or reason
+        still = [k for k in still if flown.judged[k] is None]
     if still:
         is_there = bool(np.isfinite(commands.beta_cmd).any())
-        flown.refused |= dict.fromkeys(still, fl.CONTROLLER if is_there else fl.UNCHECKED)
-        flown.findings.append(f"in {fl.counted(still, estimates)} no controller is found: {reason} "
-                              f"({fl.CONTROLLER if is_there else fl.UNCHECKED})")
-    servo, gain, gain_variance = _servo(flown, commands, estimates, late, delay)
+        status = fl.CONTROLLER if is_there else fl.UNCHECKED
+        _refuse(flown, still, status, f"no controller is found: {reason}", estimates)
     windows = []
-    for k, e in enumerate(estimates):
+    for k, (e, covariance) in enumerate(zip(estimates, covariances, strict=True)):
         controller = flown.judged[k]
         none = Judged(UNKNOWN_MARK)
         if k in flown.refused or controller is None:
@@ -65,7 +68,7 @@ def margins_alone(log: Log, estimates: Sequence[Estimate], late: Late | None, de
         flown.judged[k] = controller = _asked(controller, asked)
         of_window = Judged(e.status.name)
         if e.valid:
-            of_window = _of_window(e, servo, gain, gain_variance, controller)
+            of_window = _of_window(e, covariance, servo, gain, gain_variance, controller, damping)
         windows.append(WindowMargins(e.t_start, e.t_end, of_window, none))
     return Alone(windows, servo, flown)
 
@@ -141,11 +144,22 @@ def _refuse(flown: fl.Flown, windows: Sequence[int], status: str, why: str, esti
         flown.findings.append(f"in {fl.counted(new, estimates)} {why} ({status})")
 
 
-def _of_window(e: Estimate, servo: Servo, gain: float, gain_variance: float, controller: fl.Judged) -> Judged:
-    """Return the margins of a window's a6, k1 (with the servo's gain) and damping."""
-    terms = dict(zip(e.terms, e.xi[:, 1].tolist(), strict=True))
-    damping, std = (-terms[DAMPING], e.terms_std[DAMPING]) if terms.get(DAMPING) else (0.0, 0.0)
-    rigid = (e.a6, gain * e.k1, e.a6_std, math.sqrt((gain * e.k1_std)**2 + e.k1**2 * gain_variance), e.a6_k1_corr)
-    return margins_of(rigid, servo, controller, Airframe(damping, std if math.isfinite(std) else 0.0))
-
-
+def _of_window(e: Estimate, covariance: np.ndarray | None, servo: Servo, gain: float, gain_variance: float,
+               controller: fl.Judged, pooled: Damping) -> Judged:
+    """Return the margins of a window's a6, k1 (with the servo's gain) and of the damping that all windows agree on."""
+    a6, k1, shared = e.a6, e.k1, np.outer((e.a6_std, e.k1_std), (e.a6_std, e.k1_std)) \
+        * [[1.0, e.a6_k1_corr], [e.a6_k1_corr, 1.0]]
+    airframe = Airframe()
+    if covariance is not None and {DAMPING, "theta", "beta"} <= set(e.terms):
+        k, own = e.terms.index(DAMPING), [e.terms.index(term) for term in ("theta", "beta")]
+        value, std = -float(e.xi[k, 1]), math.sqrt(covariance[k, k])
+        slopes = -covariance[own, k] / covariance[k, k]
+        if pooled.std < std:   # a6 and k1 with the damping of all windows
+            a6, k1 = np.array([a6, k1]) + slopes * (pooled.value - value)
+            value, std = pooled.value, pooled.std
+        shared = covariance[np.ix_(own, own)] - np.outer(slopes, slopes) * covariance[k, k]
+        airframe = Airframe(value, std, slopes=(float(slopes[0]), gain * float(slopes[1])))
+    k1_std = math.sqrt(gain**2 * shared[1, 1] + k1**2 * gain_variance)
+    rigid = (float(a6), gain * float(k1), math.sqrt(shared[0, 0]), k1_std,
+             gain * float(shared[0, 1]) / (math.sqrt(shared[0, 0]) * k1_std))
+    return margins_of(rigid, servo, controller, airframe)

@@ -17,8 +17,8 @@ a stable plant -inf dB.
 
 import functools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -87,12 +87,15 @@ class Known:
     is_first_order: bool = False      # the servo
     modes: tuple[Mode, ...] = ()
     laws: Callable[[np.ndarray], Law] | None = None   # of rows of the further numbers
+    gain: float = 1.0                 # times the law's commands
 
     def loops(self, numbers: np.ndarray, controller: Controller | Law, kp: float | None = None,
               kd: float | None = None) -> Loops:
         """Return the loops of rows of numbers (m, k) with a controller, or with the fitted law if they hold one."""
         if self.laws is not None and numbers.shape[1] > self.count:
             controller = self.laws(numbers[:, self.count:])
+        if isinstance(controller, Law):
+            controller = controller.times(self.gain)
         return loops(plants_of(numbers[:, :self.count], self.is_first_order, self.modes), controller, kp, kd)
 
 
@@ -211,6 +214,17 @@ def margin_spread(known: Known, controller: Controller | Law, kp: float | None =
     worst = [(at_low if each.sign > 0.0 else at_high)[k] for k, each in enumerate(MARGINS.values()) if each.required]
     return Spread(**dict(zip(MARGIN_NAMES, intervals, strict=True)), stable=stable, crossings=crossing,
                   worst=known.mean + np.array([np.zeros(count), *worst]) @ root.T)
+
+
+def joined(spreads: Sequence[Spread]) -> Spread:
+    """Return the first of some spreads with intervals that hold those of all: laws that the log cannot tell apart."""
+    if len(spreads) == 1:
+        return spreads[0]
+    intervals = {}
+    for name in MARGIN_NAMES:
+        every = [getattr(each, name) for each in spreads]
+        intervals[name] = every[0]._replace(low=min(x.low for x in every), high=max(x.high for x in every))
+    return replace(spreads[0], **intervals, stable=min(each.stable for each in spreads))
 
 
 def ellipsoid(known: Known, count: int) -> np.ndarray:

@@ -28,6 +28,8 @@ MEMORIES = (10.0, 30.0)  # s, over which what earlier windows tell fades: of a c
 SERVO_CHI_SQUARE = 38.0  # of a chi square of five: 4e-7
 LOUD_VARIANCE = 9.0    # times the declared variance: louder residuals are of no declared noise
 SERVO_NOISE = 1.1      # times the declared noise: more is left by what no number of a servo is, as play
+SETTLED = 0.01         # standard deviations: a shorter step is the last
+START_ROUNDS = 3       # of each start, before the best goes on
 FIT_ROUNDS, FARTHEST = 8, np.array([0.4, 0.3, 0.005, 0.3])  # of Gauss and Newton, and their longest steps
 STARTS = (0.0, 0.02, 0.05)  # s later, from where they begin
 FIRST_FREQUENCIES = (15.0, 40.0, 100.0)  # rad/s of a servo that nobody knows
@@ -131,7 +133,6 @@ class Answer:
     numbers, std (4,)  fitted ln frequency, damping ratio, delay [s] and gain less the servo's, without play
     blocks           largest statistic of a block
     covariance (4, 4)  of the numbers
-    likelihood       logarithm of that of the innovations, with the noise's size free
     """
 
     score: np.ndarray
@@ -141,7 +142,6 @@ class Answer:
     std: np.ndarray
     blocks: float
     covariance: np.ndarray
-    likelihood: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,10 +157,10 @@ class Followed:
     half_width: float
     is_first_order: bool = False
 
-    def answer(self, t_start: float, t_end: float, servo: np.ndarray, doubt: np.ndarray) -> Answer | None:
+    def answer(self, t_start: float, t_end: float, servo: np.ndarray, doubt: np.ndarray | None = None) -> Answer | None:
         """Return the evidence of rows from t_start to t_end [s] about servo (4,) = frequency [rad/s], damping ratio,
-        delay [s], gain; doubt (3, 3) = covariance of (ln frequency, damping, delay).  None if fewer than
-        MIN_INNOVATIONS rows tell."""
+        delay [s], gain; doubt (3, 3) = covariance of (ln frequency, damping, delay), None: blocks are not asked.  None
+        if fewer than MIN_INNOVATIONS rows tell."""
         rows = (self.t >= t_start) & (self.t < t_end)
         t, beta = self.t[rows], self.beta[rows]
         n = len(t)
@@ -177,7 +177,9 @@ class Followed:
         still = innovations(np.zeros(5), self.command, frozen=False)
         moves = np.diag([*SLOPE_STEPS, self.half_width])
         slopes = [(innovations(-move, self.command) - innovations(move, self.command)) / (2.0 * move.max())
-                  for move in moves]
+                  for move in moves[:3]]
+        # innovations are linear in the command
+        slopes += [(still - innovations(move, self.command)) / move.max() for move in moves[3:]]
         slopes.insert(4, (still - innovations(np.zeros(5), play_of)) / self.half_width)
         told = np.isfinite(still + sum(slopes))
         if np.count_nonzero(told) < MIN_INNOVATIONS:
@@ -185,30 +187,40 @@ class Followed:
         weight = 1.0 / np.sqrt(s[told])
         e = np.clip(still[told] * weight, -INNOVATION_SIGMAS, INNOVATION_SIGMAS)
         design = np.column_stack(slopes)[told] * weight[:, None]
-        blocks = np.floor((t[told] - t_start) / INNOVATION_BLOCK).astype(int)
         score, information = along(design, e), products(design, design)
-        worst = 0.0
-        for one in (blocks == each for each in np.unique(blocks)):
-            if np.count_nonzero(one) >= MIN_INNOVATIONS:
-                own = products(design[one], design[one])
-                worst = max(worst, statistic(along(design[one], e[one]), own, own, doubt))
+        worst = 0.0 if doubt is None else _worst_block(design, e, (t[told] - t_start) / INNOVATION_BLOCK, doubt)
         x = least_squares(design, e)
         inverse = np.linalg.pinv(information[np.ix_(USUAL, USUAL)])
         return Answer(score, information, float(np.mean((e - combined(design, x))**2)),
-                      (inverse @ score[USUAL])[:4], np.sqrt(np.diag(inverse)[:4]), worst, inverse[:4, :4],
-                      -0.5 * (len(e) * math.log(square(e) / len(e)) + float(np.sum(np.log(s[told])))))
+                      (inverse @ score[USUAL])[:4], np.sqrt(np.diag(inverse)[:4]), worst, inverse[:4, :4])
+
+    def likelihood(self, servo: np.ndarray) -> float:
+        """Return the logarithm of the likelihood of all innovations, the noise's size free; servo (4,) as in
+        `answer`."""
+        n = len(self.t)
+        e, s = np.empty(n), np.ones(n)
+        values = np.array([*servo, 0.0, fastest_pole(servo[0], servo[1]), self.is_first_order])
+        follow(self.t, self.beta, self.at, self.command, values, self.noise, self.most_gap, False, e, s,
+               np.zeros((n, 3)))
+        told = np.isfinite(e)
+        if np.count_nonzero(told) < MIN_INNOVATIONS:
+            return -math.inf
+        e = np.clip(e[told] / np.sqrt(s[told]), -INNOVATION_SIGMAS, INNOVATION_SIGMAS)
+        return -0.5 * (len(e) * math.log(square(e) / len(e)) + float(np.sum(np.log(s[told]))))
 
     def fit(self, t_start: float, t_end: float, servo: np.ndarray,
             rounds: int = FIT_ROUNDS) -> tuple[np.ndarray, Answer] | None:
         """Fit the servo (4,) to rows from t_start to t_end [s] by Gauss-Newton, from `servo`; return it, and the
         evidence about it.  None if too few rows tell."""
-        found = self.answer(t_start, t_end, servo, np.zeros((3, 3)))
+        found = self.answer(t_start, t_end, servo)
         for _ in range(rounds):
             if found is None:
                 return None
             step = np.clip(found.numbers, -FARTHEST, FARTHEST)
             servo = np.maximum(np.append(servo[0] * math.exp(step[0]), servo[1:] + step[1:]), (1.0, 0.05, 0.0, 0.05))
-            found = self.answer(t_start, t_end, servo, np.zeros((3, 3)))
+            if np.all(np.abs(step) < SETTLED * found.std):
+                break
+            found = self.answer(t_start, t_end, servo)
         return None if found is None else (servo, found)
 
     def own(self, t_start: float, t_end: float, servo: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
@@ -220,6 +232,17 @@ class Followed:
         servo, found = made
         noise = math.sqrt(found.left)
         return servo, found.std * np.array([servo[0], 1.0, 1.0, 1.0]) * max(noise, 1.0), noise
+
+
+def _worst_block(design: np.ndarray, e: np.ndarray, at: np.ndarray, doubt: np.ndarray) -> float:
+    """Return the largest statistic of whitened innovations e (n,) with slopes (n, 6), block by block; at (n,): blocks
+    since the window began."""
+    blocks, worst = np.floor(at).astype(int), 0.0
+    for one in (blocks == each for each in np.unique(blocks)):
+        if np.count_nonzero(one) >= MIN_INNOVATIONS:
+            own = products(design[one], design[one])
+            worst = max(worst, statistic(along(design[one], e[one]), own, own, doubt))
+    return worst
 
 
 def statistic(score: np.ndarray, information: np.ndarray, variance: np.ndarray, doubt: np.ndarray) -> float:
@@ -275,18 +298,17 @@ def servo_of(log: Log, period: float) -> tuple[np.ndarray, np.ndarray, Followed]
         return follow
     first, last = float(follow.t[0]), float(follow.t[-1]) + log.period
     short = min(last, first + FIT_SECONDS)
-    tried = [follow.fit(first, short, np.array([w, 0.7, delay, 1.0])) for w in FIRST_FREQUENCIES for delay in STARTS]
+    tried = [follow.fit(first, short, np.array([w, 0.7, delay, 1.0]), START_ROUNDS)
+             for w in FIRST_FREQUENCIES for delay in STARTS]
     made = min((each for each in tried if each is not None), key=lambda each: each[1].left, default=None)
+    made = None if made is None else follow.fit(first, short, made[0])
     for _ in range(NOISE_TURNS):
         if made is None:
             break
         servo = made[0]
-        likely = []
-        for ratio in NOISE_RATIOS:
-            asked = replace(follow, noise=np.array([1.0, ratio]) * NOISE_GUESS)
-            found = asked.answer(first, last, servo, np.zeros((3, 3)))
-            likely.append((-math.inf if found is None else found.likelihood, asked, found))
-        _, follow, found = max(likely, key=lambda each: each[0])
+        likely = [replace(follow, noise=np.array([1.0, ratio]) * NOISE_GUESS) for ratio in NOISE_RATIOS]
+        follow = max(likely, key=lambda each: each.likelihood(servo))
+        found = follow.answer(first, last, servo)
         if found is not None:
             follow = replace(follow, noise=follow.noise * found.left)
         made = follow.fit(first, last, servo)

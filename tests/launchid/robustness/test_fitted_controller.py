@@ -12,6 +12,7 @@ import launchid
 from launchid.controller.fit import FittedLaw, answered, fit_law
 from launchid.controller.law import Law, law_of
 from launchid.robustness.airframe import modes_at
+from launchid.robustness.closed_loop import data_of, fit_closed_loop
 from launchid.robustness.flown import choice
 from launchid.robustness.loops import Mode, loops, plants_of
 from launchid.robustness.margin_spread import MARGIN_NAMES, crossings_of, margin_table
@@ -132,10 +133,24 @@ def test_intervals_of_a_fitted_controller_hold_the_truth(name):
             assert abs(x - margin.value) < 2.0 * half
 
 
-def test_a_log_with_another_sensors_columns_has_no_margins():
-    found = launchid.margins(fly(LAWS["pd hot"], seed=5, duration=BRIEF, copies=True), NOMINAL)
-    assert {window["status"] for window in found.report["windows"]} <= {"CONTROLLER", "UNCHECKED", "MODEL"}
-    assert "no law fitted to the log explains them" in found.summary()
+@pytest.mark.parametrize(("name", "every"), [("pd", 1), ("pd gyro", 2)], ids=["another sensor", "every second row"])
+def test_a_law_that_saw_other_values_is_told_by_the_closed_loop(name, every):
+    """Columns of sensors beside the controller's; every second row of its own."""
+    columns = fly(LAWS[name], seed=5, duration=BRIEF, copies=every == 1)
+    believed = replace(NOMINAL, controller=replace(PD, kp=2.0))
+    found = launchid.margins({key: x[::every] for key, x in columns.items()}, believed, window=10.0)
+    assert found.report["controller"]["source"] == "log" and "by the likelihood of the closed loop" in found.summary()
+    assert all(window.window.valid for window in found.windows) and held_within(found, truth(LAWS[name]), 2.0)
+
+
+def test_a_law_that_changes_is_no_law_of_the_closed_loop():
+    """Other gains in the second half, seen by other sensors: refused, and why is said."""
+    parts = [fly(LAWS[name], seed=5, duration=BRIEF, copies=True) for name in ("pd", "pd soft")]
+    columns = {key: np.concatenate([x, parts[1][key] + BRIEF * (key == "t")]) for key, x in parts[0].items()}
+    ticks = answered(read_log(columns))
+    plant = np.array([VEHICLE.a6, VEHICLE.k1, *np.log([VEHICLE.frequency, VEHICLE.damping]), VEHICLE.delay, 0.0])
+    found = fit_closed_loop(data_of(ticks, 1), plant, np.diag(np.square([0.03, 0.1, 0.02, 0.02, 5e-4, 0.02])))
+    assert isinstance(found, str) and "the law changes" in found
 
 
 def test_gains_at_the_end_of_their_range_just_keep_what_is_required():

@@ -229,13 +229,21 @@ def test_without_commands_the_nozzle_tells_whether_the_nominals_controller_flew(
         assert all(window["status"] == "UNCHECKED" for window in found.report["windows"])
 
 
-@pytest.mark.parametrize("nominal", [CONSTANT, KD_OFF], ids=["its own", "another"])
-def test_what_cannot_be_asked_is_unchecked(nominal):
-    """Neither command nor reference; a row of two."""
-    for columns in (without(nominal, "beta_cmd", "theta_ref"), {name: x[::2] for name, x in flown(nominal).items()}):
-        found = launchid.margins(columns, CONSTANT)
-        assert all(window["status"] == "UNCHECKED" and not window["valid"] for window in found.report["windows"])
-        assert "UNCHECKED" in found.summary()
+def test_what_cannot_be_asked_is_unchecked():
+    """Neither command nor reference."""
+    found = launchid.margins(without(CONSTANT, "beta_cmd", "theta_ref"), CONSTANT)
+    assert all(window["status"] == "UNCHECKED" and not window["valid"] for window in found.report["windows"])
+    assert "UNCHECKED" in found.summary()
+
+
+def test_a_row_of_two_tells_another_controller():
+    """kd of 0.3 for 0.5: the closed loop's likelihood has the gains, and the margins that flew."""
+    found = launchid.margins({name: x[::2] for name, x in flown(KD_OFF).items()}, CONSTANT, window=10.0)
+    truth = margin_table(loops(plants_of(np.array([[2.0, -7.0, 50.0, 0.7, 0.0]])), KD_OFF.controller))[0]
+    assert found.report["controller"]["kd"] == pytest.approx(0.3, abs=4.0 * found.report["controller"]["kd_std"])
+    for window in found.windows:
+        margin = window.window.spread.phase_deg
+        assert abs(margin.value - truth[2]) < 2.0 * (margin.high - margin.low)
 
 
 def test_a_declared_controller_is_assumed_and_said():
