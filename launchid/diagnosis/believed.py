@@ -19,7 +19,7 @@ from sim.plant import modes_of, packed, tuned
 from sim.sections import Actuator
 
 from ..likelihood.kernel import MODE
-from ..weakform.rows import column
+from ..weakform.modes import column
 from .track import Track
 
 DIFFERS = 1e-12   # from the neutral value

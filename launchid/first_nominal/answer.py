@@ -16,7 +16,7 @@ from ..log.phases import checked_flight
 from ..log.rates import INTERPOLATED, rate_of
 from ..weakform.fit import gls
 from ..weakform.late import Lead
-from ..weakform.rows import FAST_THETA, term_modes
+from ..weakform.modes import FAST_THETA, term_modes
 from . import weak
 from .channels import Channels, channels
 from .model import BY_COMMAND, BY_MEASUREMENT, command, run

@@ -13,7 +13,7 @@ from ..log.log import Log
 from ..log.slope import ONE_MOTION
 from ..log.stamps import usable_rows
 from ..sums import combined, least_squares, products, square
-from ..weakform.rows import path_angle
+from ..weakform.prepare import path_angle
 
 MIN_ROWS_A_LOG = 100   # rows: below, noise levels and a held-out part are chance
 SPIKE_OVER_MEDIAN = 20.0  # times the median distance from the median of five rows: one in a million is at 8

@@ -14,7 +14,9 @@ from sim.errors import InputError
 
 from ..judge.terms import INCREMENT, LARGE
 from ..sums import combined, inner, square
-from ..weakform.rows import LONGEST_ROW_STEP, Rows, noise_variance
+from ..weakform.noise import noise_variance
+from ..weakform.prepare import LONGEST_ROW_STEP
+from ..weakform.rows import Rows
 from . import weak
 from .channels import Channels
 from .model import BY_COMMAND, BY_INPUT, BY_MEASUREMENT, Model, command, run

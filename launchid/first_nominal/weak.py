@@ -10,7 +10,10 @@ import numpy as np
 
 from ..judge.terms import INCREMENT
 from ..sums import combined, least_squares, square
-from ..weakform.rows import LONGEST_ROW_STEP, SLOPE_SPAN, Rows, increments, slope, with_noise_levels
+from ..weakform.modes import increments
+from ..weakform.noise import with_noise_levels
+from ..weakform.prepare import LONGEST_ROW_STEP
+from ..weakform.rows import SLOPE_SPAN, Rows, slope
 from .channels import Channels
 from .model import BY_COMMAND, BY_MEASUREMENT, Model, command
 

@@ -14,7 +14,7 @@ from sim.sections import SERVO
 from ..formatting import slow_hint
 from ..log.log import Log
 from ..log.steps import with_steps
-from ..weakform.rows import near_all
+from ..weakform.prepare import near_all
 
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:

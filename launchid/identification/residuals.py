@@ -29,7 +29,10 @@ from ..log.check import checked
 from ..log.log import Log
 from ..sums import inner, square
 from ..weakform.late import Late
-from ..weakform.rows import SLOPE_SPAN, Rows, column, increments, noise_variance, slope, usable
+from ..weakform.modes import column, increments
+from ..weakform.noise import noise_variance
+from ..weakform.prepare import usable
+from ..weakform.rows import SLOPE_SPAN, Rows, slope
 
 HORIZONS = (0.1, 0.5, 1.0)  # s
 # increments from one to the next that counts for whiteness: neighbours share a sample and its noise

@@ -8,8 +8,9 @@ import numpy as np
 from ..weakform.estimate import slopes_of
 from ..weakform.fit import noise_likelihoods
 from ..weakform.late import LAGS_FORGOTTEN, SHIFT, Late, Lead, acting_later, with_betas, without_beginnings
+from ..weakform.modes import term_modes
 from ..weakform.pieces import Piece, fitted, likelihood, moved
-from ..weakform.rows import Rows, term_modes
+from ..weakform.rows import Rows
 from .table import TESTS
 
 STRETCH = TESTS["stretches without a gap"].limit  # s

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ..weakform.rows import FAST_THETA
+from ..weakform.modes import FAST_THETA
 
 LIBRARY = ("1", "theta_dot", "sin(theta)", "sign(theta_dot)", "beta^2")  # terms that a library may have
 LACKING = ("1", "theta_dot", "gamma", FAST_THETA, "sin(theta)", "sign(theta_dot)", "beta^2",

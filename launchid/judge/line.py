@@ -16,7 +16,8 @@ from sim.nominal import Nominal
 from ..chi_square import quantile
 from ..log.check import CheckedLog
 from ..spectra import hann, segments
-from ..weakform.rows import Rows, usable
+from ..weakform.prepare import usable
+from ..weakform.rows import Rows
 from .table import TESTS
 
 SEGMENT = 10.0       # s: long enough for bands of 0.15 Hz, which a mode of a few per cent of damping fills

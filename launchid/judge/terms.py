@@ -5,8 +5,9 @@ import numpy as np
 from ..sums import combined, square
 from ..weakform.fit import least, rest
 from ..weakform.late import SHIFT, Lead
+from ..weakform.modes import FAST_THETA, increments, term_modes
 from ..weakform.pieces import JUDGE_PIECE, PER_COEFFICIENT, Piece, beside, fitted, likelihood, moved, pooled
-from ..weakform.rows import FAST_THETA, Rows, increments, term_modes
+from ..weakform.rows import Rows
 from .input import TERM_SIGMAS, lead_of
 from .lack import LACKING, Lack
 from .table import TESTS

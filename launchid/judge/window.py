@@ -10,7 +10,8 @@ from launchid_core import Estimate, EstimateStatus
 from ..sums import combined, square
 from ..weakform.fit import Fit, least, spectrum, whiteness
 from ..weakform.late import later, with_betas
-from ..weakform.rows import Modes, Rows, increments, term_modes
+from ..weakform.modes import Modes, increments, term_modes
+from ..weakform.rows import Rows
 from .lack import Lack
 from .refusal import active_terms, refused
 from .table import TESTS

@@ -13,8 +13,10 @@ from ..log.rates import INTERPOLATED
 from ..weakform.estimate import widened, window_fits
 from ..weakform.fit import Fit
 from ..weakform.late import Late, Lead
+from ..weakform.modes import Modes, term_modes
 from ..weakform.pieces import PER_COEFFICIENT
-from ..weakform.rows import Modes, Rows, term_modes, usable
+from ..weakform.prepare import usable
+from ..weakform.rows import Rows
 from .input import late_input, lead_of
 from .lack import AT_REST, FRICTION, LACKING, Lack
 from .question import Question, question

@@ -13,7 +13,7 @@ from ..identification.windows import Identified
 from ..judge.lack import AT_REST, LIBRARY, Lack
 from ..judge.refusal import withdrawn
 from ..judge.windows import Judged
-from ..weakform.rows import FAST_THETA
+from ..weakform.modes import FAST_THETA
 
 OFFSET_FIELDS = tuple(field.name for field in dataclasses.fields(Offsets))
 NO_SERVO: dict[str, Any] = {name: {"value": None, "std": None} for name in SERVO}  # the model is contradicted

@@ -10,8 +10,9 @@ from launchid_core import Estimate
 from ..chi_square import quantile
 from .fit import SPAN, Fit, Prior, gls_of_all, least, least_squares_covariance, noise_likelihoods
 from .late import with_betas
+from .modes import Modes, term_modes
 from .pieces import Whole
-from .rows import Modes, Rows, term_modes
+from .rows import Rows
 
 POOLED = 0.2         # of the likelihood of the noise's ratios in the whole log, that counts in each of its windows
 UNTRUE = 1.5         # times what its deviations say, that the spread of coefficients that stand still may be

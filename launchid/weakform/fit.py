@@ -16,7 +16,7 @@ import numpy as np
 
 from ..chi_square import tail
 from ..sums import along, combined, products
-from .rows import Modes
+from .modes import Modes
 
 BINS = 120            # of neighbouring modes that share a weight while the noise is sought
 SPAN = np.arange(-6.0, 6.01, 0.5)    # decades of the ratios of the noises

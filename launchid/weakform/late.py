@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..formatting import json_number
-from .rows import Modes, Rows, before, ends_of, in_modes, values_of
+from .modes import Modes, ends_of, in_modes, values_of
+from .rows import Rows, before
 
 SHIFT = 3.0         # standard deviations of a shift of beta that is there
 LAGS_KEPT = 12.0    # lags, of the response that is computed

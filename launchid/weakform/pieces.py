@@ -9,7 +9,8 @@ import numpy as np
 from ..sums import square
 from .fit import MIN_COLUMN_LEFT, Fit, Noise, gls_of_all, noise_likelihoods, rest
 from .late import later, with_betas
-from .rows import Modes, Rows, term_modes
+from .modes import Modes, term_modes
+from .rows import Rows
 
 JUDGE_PIECE = 5.0    # s over which one set of coefficients holds while the log is asked,
 ROWS_A_PIECE = 250   # and rows: of a slow log the vehicle is slower, too

@@ -22,7 +22,7 @@ from launchid.judge.refusal import disbelieved
 from launchid.log.check import checked
 from launchid.log.log import Log, flown_log, log_of, read_log, write_columns, write_flight
 from launchid.main import main
-from launchid.weakform.rows import usable
+from launchid.weakform.prepare import usable
 from launchid_core import Config, Estimate, EstimateStatus, Estimator, Sample, Status
 from launchid_core.regression import residual
 from sim.effects import from_text

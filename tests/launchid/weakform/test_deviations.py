@@ -8,7 +8,7 @@ from hidden import Spec, fly
 
 import launchid
 from launchid.weakform.fit import least_squares_covariance
-from launchid.weakform.rows import noises_of
+from launchid.weakform.modes import noises_of
 
 A6, K1 = 2.0, -7.0   # of the generator's `constant`
 

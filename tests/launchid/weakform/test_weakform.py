@@ -18,7 +18,9 @@ from launchid.log.log import log_of
 from launchid.sources import read_log
 from launchid.weakform.fit import SPAN, gls, noise_likelihoods, spectrum, whiteness
 from launchid.weakform.late import acting_later, without_beginnings
-from launchid.weakform.rows import FAST_THETA, Rows, sines, term_modes, usable
+from launchid.weakform.modes import FAST_THETA, sines, term_modes
+from launchid.weakform.prepare import usable
+from launchid.weakform.rows import Rows
 from sim.nominal import load_nominal
 from sim.plant import parameters
 
