@@ -380,6 +380,12 @@ class Required:
     phase_deg: float = 30.0
     delay_ms: float = 0.0
 
+    @property
+    def words(self) -> str:
+        """What is required, in words."""
+        said = ((self.gain_db, "dB"), (self.phase_deg, "degrees"), (self.delay_ms, "ms"))
+        return ", ".join(f"{value:g} {unit}" for value, unit in said if value > 0.0) or "nothing"
+
 
 @dataclass(frozen=True, eq=False)
 class Nominal(Result):

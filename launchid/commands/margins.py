@@ -228,8 +228,7 @@ class FlightMargins(Answer):
         required = Required() if self.nominal is None else self.nominal.margins
         whose = "out of the log alone" if self.nominal is None else f"of the loop of {self.nominal.name} as identified"
         head = (f"{self.log.path}: margins {whose}, window "
-                f"{self.config.window:g} s, value (95 % interval); required: {required.gain_db:g} dB, "
-                f"{required.phase_deg:g} degrees" + (f", {required.delay_ms:g} ms" if required.delay_ms > 0.0 else ""))
+                f"{self.config.window:g} s, value (95 % interval); required: {required.words}")
         if not self.windows:
             return (f"{head}\nno window of {self.config.window:g} s is complete: expected a longer log, or a smaller "
                     "window")

@@ -56,7 +56,6 @@ MEASURED_SHARE = 0.98   # of a segment's rows that are measured; the rest lies o
 HANN_OVERLAP = 1.0 / 36.0   # squared correlation of neighbouring Hann segments that overlap by half (Welch 1967)
 MOVING_VARIANCE = 1e-9  # of an instrument's variance over its mean square: less is a constant
 COHERENT = 0.6          # that a frequency is usable from (Tischler and Remple)
-RESPONSE_UNITS = {"theta": "rad", "theta_dot": "rad/s", "theta_ddot": "rad/s^2", "beta": "rad", "beta_cmd": "rad"}
 DECIBEL = 20.0 / math.log(10.0)   # of a relative change
 BIASED = "in closed loop it is drawn towards the controller's inverse, the more the lower the coherence"
 PREWHITENED = 2         # differences of a loop that a reference of ramps moves

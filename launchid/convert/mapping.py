@@ -13,13 +13,13 @@ from sim.files import reads
 
 from ..log.cut import END, START, WHOLE, Cut
 from ..log.log import OPTIONAL, REQUIRED, SHORTEST_STEP
+from ..log.table import UNITS
 from . import named
 from .text import HEAD_LINES
 from .units import ANGLE_UNITS, TIME_UNITS
 
 SHORT_UNITS = {"degrees": "deg", "degree": "deg", "radians": "rad", "radian": "rad"}
 LONG_UNIT_NAMES = re.compile("|".join(SHORT_UNITS))
-PER_SECOND = {"theta_dot": "/s", "rate_ref": "/s", "theta_ddot": "/s^2"}  # others are angles
 HELD_COLUMNS = ("beta_cmd", "theta_ref", "rate_ref")  # what a computer says holds until it says something else
 TAKES = ("nearest", "held", "linear")
 AXES = ("x", "y", "z")
@@ -250,7 +250,7 @@ class _Reader:
                              "expected one of from, sum, quaternion")
         self.fits_the_source(name, place, table, given[0])
         channels, weights, axis, reference = getattr(self, f"of_{given[0]}")(place, table)
-        suffix = PER_SECOND.get(name, "")
+        suffix = UNITS[name].removeprefix("rad")
         if isinstance(table.get("unit"), str):
             table = table | {"unit": LONG_UNIT_NAMES.sub(lambda found: SHORT_UNITS[found[0]], table["unit"])}
         unit = self.word(place, table, "unit", tuple(f"{angle}{suffix}" for angle in ANGLE_UNITS), f"rad{suffix}")
@@ -263,7 +263,7 @@ class _Reader:
 
     def fits_the_source(self, name: str, place: str, table: dict[str, Any], given: str) -> None:
         """Raise InputError for keys that this kind of source (`given`: from, sum, quaternion) would not use."""
-        if given == "quaternion" and name in PER_SECOND:
+        if given == "quaternion" and UNITS[name] != "rad":
             raise InputError(f"{self.path}: {place}.quaternion: a quaternion is an attitude, {name} is not; expected "
                              "from or sum")
         if given == "quaternion" and table.get("unit", "rad") != "rad":

@@ -9,12 +9,11 @@ from matplotlib.figure import Figure
 
 from sim.canvas import panels
 
-from .table import OPTIONAL, REQUIRED
+from .table import OPTIONAL, REQUIRED, UNITS
 
 if TYPE_CHECKING:
     from .log import Log
 
-COLUMN_UNITS = {"theta_dot": "rad/s", "theta_ddot": "rad/s$^2$", "rate_ref": "rad/s"}  # the others: rad
 LOG_STYLES: tuple[dict[str, Any], ...] = (  # that stay apart in grey
     {"color": "#12355b", "linestyle": "-"}, {"color": "#c2570c", "linestyle": "--"},
     {"color": "#2f8f6b", "linestyle": "-."}, {"color": "#000000", "linestyle": ":"})
@@ -39,7 +38,7 @@ def columns_figure(logs: "Sequence[Log]", mark: Callable[[Any, str, int], None] 
                       label=Path(log.path).stem if len(logs) > 1 else "_", **LOG_STYLES[k % len(LOG_STYLES)])
             if mark is not None:
                 mark(axis, name, k)
-        axis.set_ylabel(f"{name} [{COLUMN_UNITS.get(name, 'rad')}]", fontsize=9)
+        axis.set_ylabel(f"{name} [{UNITS[name].replace('^2', '$^2$')}]", fontsize=9)
         axis.tick_params(labelsize=8)
     for axis in axes:
         if axis.get_legend_handles_labels()[1]:

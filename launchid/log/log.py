@@ -29,7 +29,7 @@ from sim.errors import InputError, did_you_mean
 from sim.files import is_read, reads, write_text
 from sim.result import Result
 
-from .table import DRIVEN, EITHER, OPTIONAL, REQUIRED, Columns, first_of, places
+from .table import DRIVEN, EITHER, OPTIONAL, REQUIRED, UNITS, Columns, first_of, places
 
 if TYPE_CHECKING:
     from sim.flight import Flight
@@ -96,12 +96,11 @@ class Log(Result):
         """Return in words which columns an estimator cannot use, and why (beyond its limit, in how many rows, or never
         changing); "" if none."""
         from launchid_core import Config
-        units = {"t": "s", "theta_dot": "rad/s", "theta_ddot": "rad/s^2"}
         beyond, still = [], []
         for name, x in self.measured().items():
             limit = getattr(Config, f"{name}_limit", math.inf)
             if rows := int(np.count_nonzero(np.abs(x) > limit)):
-                beyond.append(f"{name} is beyond {limit:g} {units.get(name, 'rad')} in {rows} of {len(x)} rows")
+                beyond.append(f"{name} is beyond {limit:g} {UNITS[name]} in {rows} of {len(x)} rows")
             if name in MOVING_COLUMNS and np.nanmax(x, initial=-math.inf) == np.nanmin(x, initial=math.inf):
                 still.append(name)
         said = [f"{'; '.join(beyond)}, which rejects them: expected SI units"] if beyond else []

@@ -18,6 +18,8 @@ from sim.errors import InputError
 REQUIRED = ("t", "theta", "beta")
 DRIVEN = ("t", "theta", "beta or beta_cmd")   # the same, where a command may stand for the nozzle
 OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref", "gamma", "alpha", "rate_ref")
+UNITS = {"t": "s", "theta": "rad", "beta": "rad", "theta_dot": "rad/s", "theta_ddot": "rad/s^2", "beta_cmd": "rad",
+         "theta_ref": "rad", "gamma": "rad", "alpha": "rad", "rate_ref": "rad/s"}
 EITHER = " or "
 ROWS_A_BLOCK = 4096  # rows that are text at a time
 FOREIGN_DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs' files

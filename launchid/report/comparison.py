@@ -13,11 +13,12 @@ from sim.result import Columns
 
 from ..chi_square import quantile
 from ..comparison.flown import FLOWN_CHANNELS, Dispersed
-from ..comparison.frequency_response import BIASED, COHERENT, DECIBEL, RESPONSE_UNITS, Response, decibels_and_degrees
+from ..comparison.frequency_response import BIASED, COHERENT, DECIBEL, Response, decibels_and_degrees
 from ..comparison.prediction import HORIZONS, NO_STATISTICS, Predictions, Statistics, statistics
 from ..formatting import json_number
 from ..log.detect import DataCheck
 from ..log.log import Log
+from ..log.table import UNITS
 from .answer import Answer, flat
 from .headline import BEYOND_NOISE, closing
 
@@ -60,7 +61,7 @@ class Comparison(Answer):
             fit, noise, rms, largest, *shares = ("-" if row[key] is None else f"{row[key]:{form}}"
                                                  for key, form in NUMBER_FORMATS.items())
             lines.append(f"{row['channel']:<10}{row['of']:<12}{row['nominal']:<20}{fit:>8}{noise:>8}{rms:>11}"
-                         f"{largest:>11}  {RESPONSE_UNITS[row['channel']]:<6}" + "".join(f"{share:>7}"
+                         f"{largest:>11}  {UNITS[row['channel']]:<6}" + "".join(f"{share:>7}"
                                                                                          for share in shares))
         return "\n".join([*lines, *self._dispersion_lines(), *self.response_lines(), *self._verdict_lines(),
                           *closing(self.report)])

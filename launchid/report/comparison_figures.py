@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..comparison.flown import FLOWN_CHANNELS
-from ..comparison.frequency_response import COHERENT, DECIBEL, RESPONSE_UNITS, Response, decibels_and_degrees
+from ..comparison.frequency_response import COHERENT, DECIBEL, Response, decibels_and_degrees
 from ..comparison.prediction import HORIZONS
+from ..log.table import UNITS
 from .drawing import INTERVAL
 
 if TYPE_CHECKING:
@@ -56,8 +57,8 @@ def comparison_figure(made: "Comparison") -> Figure:
         if not right.lines:
             right.text(0.5, 0.5, "not predicted: the command is what predictions are given", ha="center", va="center",
                        fontsize=FONT_SIZE, transform=right.transAxes)
-        left.set_ylabel(f"{CHANNEL_WORDS[name]}\n[{RESPONSE_UNITS[name]}]", fontsize=FONT_SIZE)
-        right.set_ylabel(f"[{RESPONSE_UNITS[name]}]", fontsize=FONT_SIZE)
+        left.set_ylabel(f"{CHANNEL_WORDS[name]}\n[{UNITS[name]}]", fontsize=FONT_SIZE)
+        right.set_ylabel(f"[{UNITS[name]}]", fontsize=FONT_SIZE)
     for axis in axes[-1]:
         axis.set_xlabel("t [s]", fontsize=FONT_SIZE)
     return _finished(figure)
@@ -82,7 +83,7 @@ def dispersion_figure(made: "Comparison") -> Figure | None:
                 axis.plot(place.t, line, color="0.0", linewidth=0.9, linestyle=dash, label=words)
             axis.set_title(f"{label}: outside in {100.0 * place.outside:.0f} % of the time; peak above that of "
                            f"{100.0 * place.peak:.0f} % of the flights", fontsize=FONT_SIZE, loc="left")
-            axis.set_ylabel(f"{CHANNEL_WORDS[name]}\n[{RESPONSE_UNITS[name]}]", fontsize=FONT_SIZE)
+            axis.set_ylabel(f"{CHANNEL_WORDS[name]}\n[{UNITS[name]}]", fontsize=FONT_SIZE)
         column[-1].set_xlabel("t [s]", fontsize=FONT_SIZE)
     return _finished(figure, one_legend=True)
 

@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..comparison.flown import FLOWN_CHANNELS
-from ..comparison.frequency_response import BIASED, RESPONSE_UNITS
+from ..comparison.frequency_response import BIASED
 from ..comparison.prediction import HORIZONS
+from ..log.table import UNITS
 from .folder import Picture, write_report
 from .page import table, text
 
@@ -71,7 +72,7 @@ def summary_table(made: "Comparison") -> str:
             last = found["ahead"].get(f"{HORIZONS[-1]:g}")
             noise = "-" if last is None or last["noise_fit"] is None else f"{last['noise_fit']:.1f} %"
             place = found["percentile"]
-            rows.append((f"{name} [{RESPONSE_UNITS[name]}]", text(said["nominal"]), *cells[:3], noise, cells[3], *(
+            rows.append((f"{name} [{UNITS[name]}]", text(said["nominal"]), *cells[:3], noise, cells[3], *(
                 ("-", "-") if place is None or place["share_outside_90"] is None else
                 (f"{100.0 * place['share_outside_90']:.0f} %", f"{100.0 * place['peak']:.0f} %"))))
     lines = "".join(f"<p class=\"note\">{text(line)}</p>" for line in (*made.response_lines(), *made.warnings))

@@ -10,9 +10,9 @@ from sim.canvas import panels
 from ..diagnosis.gain import CHANNELS, GAIN_HORIZON, SPACING, predictions
 from ..diagnosis.verdict import Result
 from ..likelihood.estimate import Fit, refreshed
+from ..log.table import UNITS
 from .log_figures import logs_figure, looked_at
 
-CHANNEL_UNITS = {"theta": "rad", "theta_dot": "rad/s", "beta": "rad"}
 INNOVATION_BAND = 3.0  # standard deviations of an innovation: 99.7 % stay within
 LOG_LINE = {"color": "0.72", "linewidth": 2.6}
 BEFORE_LINE = {"color": "#c2570c", "linewidth": 1.0, "linestyle": "--"}
@@ -47,9 +47,9 @@ def misfit(result: Result) -> Figure | None:
         above.plot(t, change - error, label=f"predicted, {label}", **style)
         seen = error[np.isfinite(error)]
         rms = float(np.sqrt(np.mean(seen**2))) if len(seen) else float("nan")
-        below.plot(t, error, label=f"{label}: {rms:.2g} {CHANNEL_UNITS[CHANNELS[channel]]} rms", **style)
-    above.set_ylabel(f"change of {CHANNELS[channel]} [{CHANNEL_UNITS[CHANNELS[channel]]}]")
-    below.set_ylabel(f"measured less predicted\n[{CHANNEL_UNITS[CHANNELS[channel]]}]")
+        below.plot(t, error, label=f"{label}: {rms:.2g} {UNITS[CHANNELS[channel]]} rms", **style)
+    above.set_ylabel(f"change of {CHANNELS[channel]} [{UNITS[CHANNELS[channel]]}]")
+    below.set_ylabel(f"measured less predicted\n[{UNITS[CHANNELS[channel]]}]")
     below.set_xlabel("t [s]")
     for axis in (above, below):
         axis.legend(fontsize=8, ncol=3)
@@ -80,7 +80,7 @@ def innovations(result: Result) -> Figure | None:
             top = 1.2 * float(np.quantile(np.abs(made.E[inside, ch]), 0.999))
             if top > 0.0 and label == "nominal":
                 axis.set_ylim(-top, top)
-            axis.set_ylabel(f"{CHANNELS[ch]} [{CHANNEL_UNITS[CHANNELS[ch]]}]")
+            axis.set_ylabel(f"{CHANNELS[ch]} [{UNITS[CHANNELS[ch]]}]")
             axis.legend(fontsize=8, ncol=2)
     axes[-1].set_xlabel("t [s]")
     return figure

@@ -10,6 +10,7 @@ from sim.errors import UsageError
 from sim.flight import Flight
 from sim.nominal import Nominal
 
+from ..log.table import UNITS
 from ..test_input import Plan
 from .drawing import legend
 
@@ -18,9 +19,9 @@ def flight_figure(flight: Flight, nominal: Nominal) -> Figure:
     """Draw the signals of a flight, and its true a6 and k1 over the nominal's."""
     figure, axes = panels(5, f"{nominal.name}: a flight" + (", LOST at its end" if flight.lost else ""), 1.4)
     axes[2].plot(flight.t, flight.beta_cmd, color="0.7", linewidth=0.6, label="beta_cmd")
-    for axis, name, unit in zip(axes, ("theta", "theta_dot", "beta"), ("rad", "rad/s", "rad"), strict=False):
+    for axis, name in zip(axes, ("theta", "theta_dot", "beta"), strict=False):
         axis.plot(flight.t, getattr(flight, name), color="0.1", linewidth=0.8, label="measured")
-        axis.set_ylabel(f"{name} [{unit}]")
+        axis.set_ylabel(f"{name} [{UNITS[name]}]")
     axes[0].plot(flight.t, flight.theta_ref, "--", color="0.5", linewidth=1.0, label="theta_ref")
     for axis, name in zip(axes[3:], ("a6", "k1"), strict=True):
         axis.plot(flight.t, getattr(flight, name), color="0.1", label="truth")

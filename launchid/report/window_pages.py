@@ -103,8 +103,7 @@ def margins_report(found: "FlightMargins", folder: str | Path) -> None:
     required = Required() if found.nominal is None else found.nominal.margins
     whose = "the log alone" if found.nominal is None else f"nominal {found.nominal.name}"
     first = "".join(f"<p>{text(line)}</p>" for line in lines) + paragraphs(
-        [f"Required: {required.gain_db:g} dB, {required.phase_deg:g} degrees"
-         + (f", {required.delay_ms:g} ms" if required.delay_ms > 0.0 else "") + "; bold: below it, or perhaps."])
+        [f"Required: {required.words}; bold: below it, or perhaps."])
     first += table(["window [s]", "of", "status",
                     *heads(), "P(stable)"],
                    rows, chosen)
