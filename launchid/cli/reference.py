@@ -1,7 +1,8 @@
 """Reference of the catalogue of effects (`launchid effects`), and of every command with its options (docs/commands.md).
 
 `docs/commands.md` is `commands_page` of the parser; after a change of words: `write_page(parser(), "docs/commands.md")`
-of `launchid.main.parser`.
+of `launchid.main.parser`.  The table of causes in `docs/formats.md` is `causes_table`; after a change:
+`write_causes("docs/formats.md")`.
 """
 
 import argparse
@@ -9,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from sim.effects import CATALOGUE, Parameter
-from sim.effects.words import MEANING
 from sim.files import write_text
 from sim.result import Columns
 
@@ -32,7 +32,7 @@ Completion in the shell: `pip install 'launchid[completion]'`, then in the profi
 def effects_report() -> dict[str, Any]:
     """Return the catalogue of effects for JSON: name, place, meaning and parameters of each."""
     return {"effects": [{
-        "effect": name, "where": cause.where, "diagnosed": True, "meaning": MEANING.get(name, ""),
+        "effect": name, "where": cause.where, "diagnosed": True, "meaning": cause.meaning,
         "parameters": [_parameter_json(parameter) for parameter in cause.parameters]}
         for name, cause in CATALOGUE.items()]}
 
@@ -46,12 +46,34 @@ def _parameter_json(parameter: Parameter) -> dict[str, Any]:
             "expected": parameter.expected}
 
 
+def causes_table() -> list[str]:
+    """Return the table of causes in docs/formats.md, line by line."""
+    lines = ["| where | cause | parameters: unit (neutral value) | meaning |", "|---|---|---|---|"]
+    for name, cause in CATALOGUE.items():
+        said = []
+        for of in cause.parameters:
+            value = f" ({of.neutral:g})" if of.neutral is not None else \
+                f" (default {of.default:g})" if of.default is not None else ""
+            said.append(f"`{of.name}`" + (f" {of.unit}" if of.unit and not of.is_term else "") + value)
+        lines.append(f"| {cause.where} | `{name}` | {', '.join(said)} | {cause.meaning} |")
+    return lines
+
+
+def write_causes(path: str | Path) -> None:
+    """Write the table of causes anew into docs/formats.md."""
+    lines = Path(path).read_text(encoding="utf-8").splitlines()
+    table = causes_table()
+    first = lines.index(table[0])
+    end = next(k for k in range(first, len(lines)) if not lines[k].startswith("|"))
+    write_text(path, ["\n".join([*lines[:first], *table, *lines[end:]]), "\n"])
+
+
 def effects_table() -> str:
     """Return the catalogue of effects as text for a terminal."""
     lines = ["Causes that `simulate --effect NAME:PARAMETER=VALUE,...` and [[effects]] fly and `diagnose` looks for.",
              "u is the command on its way to the actuator, b the true nozzle angle, z_ the measured signals."]
     for name, cause in CATALOGUE.items():
-        lines += ["", f"{name}  [{cause.where}]", f"    {MEANING.get(name, '')}"]
+        lines += ["", f"{name}  [{cause.where}]", f"    {cause.meaning}"]
         lines += [f"    {parameter.name}: {_in_words(parameter)}" for parameter in cause.parameters]
     return "\n".join(lines)
 

@@ -28,19 +28,28 @@ WIDEST_BANDWIDTH = 10.0  # the servo must stay within what the integration step 
 
 ACTUATOR_EFFECTS = (
     Cause("actuator_delay", "actuator", (
-        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="actuator_delay"),)),
+        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="actuator_delay"),),
+        "u(t) -> u(t - delay), added to the nominal's"),
     Cause("actuator_gain", "actuator", (  # of the servo's amplifier
-        Parameter("scale", "", neutral=1.0, into="actuator_gain"),)),
-    Cause("actuator_bias", "actuator", (Parameter("angle", "rad", neutral=0.0, into="actuator_bias"),)),  # its null
-    Cause("actuator_backlash", "actuator", (Parameter("half_width", "rad", neutral=0.0, low=0.0),)),
+        Parameter("scale", "", neutral=1.0, into="actuator_gain"),),
+        "u -> scale*u"),
+    Cause("actuator_bias", "actuator", (Parameter("angle", "rad", neutral=0.0, into="actuator_bias"),),
+        "u -> u + angle"),  # its null
+    Cause("actuator_backlash", "actuator", (Parameter("half_width", "rad", neutral=0.0, low=0.0),),
+        "backlash of half_width each way on u"),
     Cause("actuator_bandwidth", "actuator", (
         Parameter("scale", "", neutral=1.0, low=0.0, high=WIDEST_BANDWIDTH, above=True),
-        Parameter("lag", "", neutral=0.0, low=0.0, high=1.0))),
+        Parameter("lag", "", neutral=0.0, low=0.0, high=1.0)),
+        "natural frequency (or 1/time constant) -> scale*it; `lag` = 1: as slow by a first-order lag before the "
+        "servo instead"),
     Cause("actuator_rate_limit", "actuator", (
         Parameter("rate", "rad/s", neutral=math.inf, low=0.0, above=True),
-        Parameter("wind_up", "", neutral=0.0, low=0.0))),
+        Parameter("wind_up", "", neutral=0.0, low=0.0)),
+        "abs(b') <= rate; `wind_up`: the commanded rate may exceed the limit by this share of it (a first-order "
+        "servo has none)"),
     Cause("input_washout", "actuator", (
-        Parameter("time_constant", "s", neutral=math.inf, low=0.0, above=True),)),
+        Parameter("time_constant", "s", neutral=math.inf, low=0.0, above=True),),
+        "u -> u - w, time_constant*w' = u - w from w(0) = 0: u less its slow part (a motor's back-EMF)"),
 )
 
 

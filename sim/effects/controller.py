@@ -15,5 +15,6 @@ CONTROLLER_EFFECTS = (
     Cause("controller_mismatch", "controller", (
         Parameter("kp_scale", "", neutral=1.0, into="kp_scale"),  # gains on board that are not those of the simulation
         Parameter("kd_scale", "", neutral=1.0, into="kd_scale"),
-        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="computing_time"))),
+        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="computing_time")),
+        "the logged command is not the nominal controller's"),
 )

@@ -25,16 +25,21 @@ ENVIRONMENT_EFFECTS = (
     Cause("gust", "environment", (
         Parameter("angle", "rad", neutral=0.0),
         Parameter("time", "s"),
-        Parameter("duration", "s", low=0.0, above=True))),
-    Cause("steady_wind", "environment", (Parameter("angle", "rad", neutral=0.0, into="steady_wind"),)),
+        Parameter("duration", "s", low=0.0, above=True)),
+        "a6*theta -> a6*(theta + angle*(1 - cos(2 pi (t - time)/duration))/2) while it lasts"),
+    Cause("steady_wind", "environment", (Parameter("angle", "rad", neutral=0.0, into="steady_wind"),),
+        "a6*theta -> a6*(theta + angle)"),
     Cause("periodic_disturbance", "environment", (
         Parameter("amplitude", "rad/s^2", neutral=0.0),
         Parameter("frequency", "rad/s", low=0.0, above=True),
-        Parameter("phase", "rad", default=0.0))),
+        Parameter("phase", "rad", default=0.0)),
+        "theta_ddot += amplitude*sin(frequency*t + phase)"),
     Cause("turbulence", "environment", (
         Parameter("level", "rad", neutral=0.0, low=0.0),
-        Parameter("time_constant", "s", default=1.0, low=0.0, above=True))),
-    Cause("wind_walk", "environment", (Parameter("level", "rad/sqrt(s)", neutral=0.0, low=0.0),)),
+        Parameter("time_constant", "s", default=1.0, low=0.0, above=True)),
+        "the wind of `[wind]` `turbulence`, beside the nominal's; drawn from the seed"),
+    Cause("wind_walk", "environment", (Parameter("level", "rad/sqrt(s)", neutral=0.0, low=0.0),),
+        "the wind of `[wind]` `walk`, from 0 at t = 0, beside the nominal's; drawn from the seed"),
 )
 
 

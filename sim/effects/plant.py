@@ -25,32 +25,49 @@ from .table import CENTRE, Cause, Changes, Parameter
 AT_ONSET = 1e-9      # s: a time of the integration that near an onset is the onset
 
 PLANT_EFFECTS = (
-    Cause("control_effectiveness", "plant", (Parameter("scale", "", neutral=1.0),)),
+    Cause("control_effectiveness", "plant", (Parameter("scale", "", neutral=1.0),),
+        "k1 -> scale*k1"),
     Cause("control_loss", "plant", (
         Parameter("fraction", "", neutral=0.0, low=-1.0, high=1.0),  # below 0: thrust or arm gained
-        Parameter("time", "s"))),
-    Cause("aero_instability", "plant", (Parameter("scale", "", neutral=1.0),)),
-    Cause("aero_damping", "plant", (Parameter("coefficient", "1/s", neutral=0.0, into="aero_damping"),)),
-    Cause("aero_cubic", "plant", (Parameter("coefficient", "1/rad^2", neutral=0.0, into="aero_cubic"),)),
-    Cause("friction", "plant", (Parameter("coefficient", "rad/s^2", neutral=0.0, low=0.0, into="friction"),)),
+        Parameter("time", "s")),
+        "k1 -> (1 - fraction)*k1 from `time` on"),
+    Cause("aero_instability", "plant", (Parameter("scale", "", neutral=1.0),),
+        "a6 -> scale*a6"),
+    Cause("aero_damping", "plant", (Parameter("coefficient", "1/s", neutral=0.0, into="aero_damping"),),
+        "theta_ddot -= coefficient*theta_dot"),
+    Cause("aero_cubic", "plant", (Parameter("coefficient", "1/rad^2", neutral=0.0, into="aero_cubic"),),
+        "a6*theta -> a6*(theta + coefficient*theta^3)"),
+    Cause("friction", "plant", (Parameter("coefficient", "rad/s^2", neutral=0.0, low=0.0, into="friction"),),
+        "theta_ddot -= coefficient*sign(theta_dot)"),
     Cause("thrust_misalignment", "plant", (
-        Parameter("angle", "rad", neutral=0.0, into="thrust_misalignment"),)),
+        Parameter("angle", "rad", neutral=0.0, into="thrust_misalignment"),),
+        "k1*b -> k1*(b + angle)"),
     Cause("slosh", "plant", (
         Parameter("coupling", "", neutral=0.0, low=-0.9, high=10.0),  # -1 takes all stiffness from the mode
         Parameter("frequency", "rad/s", low=0.0, above=True),
-        Parameter("damping_ratio", "", default=0.02, low=0.0, high=2.0))),
+        Parameter("damping_ratio", "", default=0.02, low=0.0, high=2.0)),
+        "psi'' + 2 z w psi' + w^2 psi = -theta_ddot; theta_ddot += coupling*w^2*psi"),
     Cause("bending", "plant", (
         Parameter("gain", "rad/rad", neutral=0.0),
         Parameter("frequency", "rad/s", low=0.0, above=True),
-        Parameter("damping_ratio", "", default=0.03, low=0.0, high=2.0))),
+        Parameter("damping_ratio", "", default=0.03, low=0.0, high=2.0)),
+        "eta'' + 2 z w eta' + w^2 eta = gain*w^2*b; z_theta += eta, z_theta_dot += eta'"),
     Cause("missing_term", "plant", (
         Parameter("term", "term"),
-        Parameter("coefficient", "rad/s^2 per unit of the term", neutral=0.0))),
-    Cause("moment_step", "plant", (Parameter("acceleration", "rad/s^2", neutral=0.0), Parameter("time", "s"))),
-    Cause("nozzle_inertia", "plant", (Parameter("coefficient", "", neutral=0.0, into="nozzle_inertia"),)),
-    Cause("control_slope", "plant", (Parameter("slope", "1/s", neutral=0.0), Parameter("middle", "s", default=CENTRE))),
+        Parameter("coefficient", "rad/s^2 per unit of the term", neutral=0.0)),
+        "theta_ddot += coefficient*term, a library term"),
+    Cause("moment_step", "plant", (Parameter("acceleration", "rad/s^2", neutral=0.0), Parameter("time", "s")),
+        "theta_ddot += acceleration from `time` on"),
+    Cause("nozzle_inertia", "plant", (Parameter("coefficient", "", neutral=0.0, into="nozzle_inertia"),),
+        "theta_ddot += coefficient*b'' (tail wags dog; of a launcher below 0), b'' the nozzle's own, rate limit and"
+        " all"),
+    Cause("control_slope", "plant", (Parameter("slope", "1/s", neutral=0.0), Parameter("middle", "s", default=CENTRE)),
+        "k1 -> k1*(1 + slope*(t - middle)); `middle` inf or left out: the centre of the log, of the flight in "
+        "`simulate`"),
     Cause("lateral_drift", "plant", (
-        Parameter("z_alpha", "1/s", into="z_alpha"), Parameter("z_beta", "1/s", into="z_beta"))),
+        Parameter("z_alpha", "1/s", into="z_alpha"), Parameter("z_beta", "1/s", into="z_beta")),
+        "added to those of `[drift]`, which need not be there; the column `gamma` is the nominal's affair and is "
+        "written with `[drift]` only"),
 )
 
 

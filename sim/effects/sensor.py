@@ -23,15 +23,21 @@ ATTITUDE_ROW, RATE_ROW = range(2)  # rows of the history
 
 SENSOR_EFFECTS = (
     Cause("attitude_delay", "sensor", (
-        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="attitude_delay"),)),
+        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="attitude_delay"),),
+        "on z_theta, seen by the controller too"),
     Cause("attitude_bias", "sensor", (  # mounting of the attitude reference
-        Parameter("angle", "rad", neutral=0.0, into="attitude_bias"),)),
+        Parameter("angle", "rad", neutral=0.0, into="attitude_bias"),),
+        "on z_theta, seen by the controller too"),
     Cause("gyro_delay", "sensor", (
-        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="gyro_delay"),)),
-    Cause("gyro_scale", "sensor", (Parameter("scale", "", neutral=1.0, into="gyro_scale"),)),
-    Cause("gyro_bias", "sensor", (Parameter("rate", "rad/s", neutral=0.0, into="gyro_bias"),)),  # drift of the gyro
+        Parameter("delay", "s", neutral=0.0, low=0.0, high=LONGEST_DELAY, into="gyro_delay"),),
+        "on z_theta_dot"),
+    Cause("gyro_scale", "sensor", (Parameter("scale", "", neutral=1.0, into="gyro_scale"),),
+        "on z_theta_dot"),
+    Cause("gyro_bias", "sensor", (Parameter("rate", "rad/s", neutral=0.0, into="gyro_bias"),),
+        "on z_theta_dot"),  # drift of the gyro
     Cause("nozzle_sensor_bias", "sensor", (  # null of the nozzle's sensor
-        Parameter("angle", "rad", neutral=0.0, into="nozzle_sensor_bias"),)),
+        Parameter("angle", "rad", neutral=0.0, into="nozzle_sensor_bias"),),
+        "on z_beta"),
 )
 
 

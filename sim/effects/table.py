@@ -77,11 +77,16 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Cause:
-    """A kind of effect: name, place (plant, environment, actuator, sensor, controller), and parameters in order."""
+    """A kind of effect: name, place (plant, environment, actuator, sensor, controller), and parameters in order.
+
+    meaning  the equation as text: u is the command on its way to the actuator, b the true nozzle angle, z_ the measured
+             signals
+    """
 
     name: str
     where: str
     parameters: tuple[Parameter, ...]
+    meaning: str
 
 
 @dataclass(frozen=True)
