@@ -8,8 +8,8 @@
    the others are predicted.  A law that flew on these very columns leaves nothing there but what rounding makes.
 3. *Rounding*.  The digits of the columns are noise of known size on both sides; the normal equations less that noise
    (Soderstrom, Automatica 43, 2007: bias-compensated least squares) are free of its bias to first order.
-4. *Reference not logged*.  It is taken to be piecewise linear: second differences of the law hold without it, but for
-   the few rows at its kinks, which are left out.
+4. *Reference not logged*.  It is taken to be piecewise constant, else piecewise linear: first or second differences of
+   the law hold without it, but for the few rows at its steps or kinks, which are left out.
 5. *Gains that change*.  In a window every coefficient may go linearly with time.
 
 What no such law explains is refused: a limiter, a dead band, or columns that are not what the controller saw, as
@@ -19,6 +19,7 @@ would say so: for these there is `robustness.closed_loop`.
 Commands at the deflection limit, and those that follow from them, are left out.
 """
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
@@ -28,6 +29,7 @@ from sim.flight import excitation
 from sim.nominal import Nominal
 
 from ..log.log import Log
+from ..log.steps import quantum_of
 from ..sums import combined, least_squares, orthonormal, products
 from .law import Law, shift
 from .replay import MIN_COMMANDS, NEAR_LIMIT, OFF_GRID, ON_GRID, resolution, rms
@@ -38,8 +40,9 @@ NOTHING = 1e-9         # the same, of what sums of doubles make
 NEARLY = 1e-3          # the same, of gains that change: their products are no straight lines
 ROUNDED = 1.15         # times what rounding makes: more is left by another law
 AS_GOOD = 0.98         # of what a law leaves: one of the next order that leaves less is the better one
-ROUNDING = {0: 0.2, 2: 0.01}   # of the rms step, that rounding may make, by differences taken: of more no law can be
-#                        told from one of another order
+ROUNDING = {0: 0.2, 1: 0.05, 2: 0.01}   # of the rms step, that rounding may make, by differences taken: of more no
+#                        law can be told from one of another order
+FEWEST = 3 * MIN_COMMANDS   # ticks that tell a law
 SEARCHED = 1500        # ticks on which an order is tried
 HELD = 0.25            # of the commands repeat the one before: the log is faster than what issues them
 HELD_AGREES = 0.98     # of the changes that must come at multiples of the same number of rows
@@ -134,7 +137,7 @@ def answered(log: Log, nominal: Nominal | None = None) -> Answered | str:
     for name, column in grid.items():
         column[index] = getattr(log, name)[on]
     held, phase = _held(grid["beta_cmd"])
-    steps = {name: resolution(column) for name, column in grid.items()}
+    steps = {name: resolution(column) or quantum_of(column) for name, column in grid.items()}
     command, *_ = columns = [column[phase::held] for column in grid.values()]
     period = float(f"{held * log.period:.{PERIOD_DIGITS}g}")
     t = t_first + log.period * (phase + held * np.arange(len(command)))
@@ -176,23 +179,24 @@ def fit_law(ticks: Answered, slow: bool = False) -> FittedLaw | str:
 
     slow  its coefficients go linearly with time
     """
-    if np.count_nonzero(ticks.free & np.isfinite(ticks.command)) < 10 * MIN_COMMANDS:
+    if np.count_nonzero(ticks.free & np.isfinite(ticks.command)) < FEWEST:
         return "too few commands"
     best = math.inf
+    differences = (0,) if np.isfinite(ticks.columns["theta_ref"]).any() else (1, 2)   # of a reference that is not logged
     first = max((len(ticks.t) - SEARCHED) // 2, 0)
     short = replace(ticks, t=ticks.t[first:first + SEARCHED], command=ticks.command[first:first + SEARCHED],
                     free=ticks.free[first:first + SEARCHED],
                     columns={name: x[first:first + SEARCHED] for name, x in ticks.columns.items()})
-    for order in range(MOST_ORDER + 1):
+    for order, taken in itertools.product(range(MOST_ORDER + 1), differences):
         for of in _structures(ticks):
-            tried = _regression(short, order, of, slow)
+            tried = _regression(short, order, of, slow, taken)
             if tried is None:
                 continue
             best = min(best, tried.share)
             if not tried.is_exact:
                 continue
-            whole = _regression(ticks, order, of, slow)
-            if whole is not None and whole.is_exact and not _is_short(ticks, whole, order, of, slow):
+            whole = _regression(ticks, order, of, slow, taken)
+            if whole is not None and whole.is_exact and not _is_short(ticks, whole, order, of, slow, taken):
                 return whole.fitted
     if not math.isfinite(best):
         return "the motion does not tell a law: attitude and commands hardly move apart"
@@ -200,11 +204,11 @@ def fit_law(ticks: Answered, slow: bool = False) -> FittedLaw | str:
             "left on rows left out")
 
 
-def _is_short(ticks: Answered, found: "_Tried", order: int, of: tuple[str, ...], slow: bool) -> bool:
+def _is_short(ticks: Answered, found: "_Tried", order: int, of: tuple[str, ...], slow: bool, taken: int) -> bool:
     """Whether a law that leaves more than sums of doubles do is beaten by one of the next order."""
     if found.share < NOTHING:
         return False
-    longer = _regression(ticks, order + 1, of, slow)
+    longer = _regression(ticks, order + 1, of, slow, taken)
     return longer is not None and longer.share < AS_GOOD * found.share
 
 
@@ -236,10 +240,9 @@ class _Tried:
     fitted: FittedLaw
 
 
-def _regression(ticks: Answered, order: int, of: tuple[str, ...], slow: bool) -> _Tried | None:
-    """Return the regression on these columns; None if the rows do not tell it."""
-    has_reference = bool(np.isfinite(ticks.columns["theta_ref"]).any()) or "rate_error" in of
-    differences = 0 if has_reference else 2   # of a reference that is not logged
+def _regression(ticks: Answered, order: int, of: tuple[str, ...], slow: bool, taken: int) -> _Tried | None:
+    """Return the regression on these columns, differenced `taken` times; None if the rows do not tell it."""
+    differences = 0 if "rate_error" in of else taken
     made = _table(ticks, order, of, differences)
     if made is None:
         return None
@@ -279,7 +282,7 @@ def _table(ticks: Answered, order: int, of: tuple[str, ...],
         noises.append(sum(ticks.steps[each] ** 2 for each in names) / 12.0)
     columns = [np.diff(x, differences) for x in columns]
     n, lags = len(columns[0]) - order, order + 1
-    if n < 10 * MIN_COMMANDS:
+    if n < FEWEST:
         return None
     table = np.column_stack([x[order - i:len(x) - i] for x in columns for i in range(lags)]
                             + ([] if differences else [np.ones(n)]))
@@ -328,7 +331,7 @@ def _without_kinks(table: np.ndarray, noise: np.ndarray) -> np.ndarray:
 def _rounding(sizes: list[tuple[int, float]], differences: int, count: int) -> np.ndarray:
     """Return the covariance (count, count) of what rounding adds to command, its past, the columns with their lags; of
     twice differenced columns it is correlated over two ticks."""
-    weights = {0: (1.0,), 2: (6.0, -4.0, 1.0)}[differences]
+    weights = {0: (1.0,), 1: (2.0, -1.0), 2: (6.0, -4.0, 1.0)}[differences]
     covariance, first = np.zeros((count, count)), 0
     for lags, variance in sizes:
         for away, weight in enumerate(weights):

@@ -12,6 +12,7 @@ from .log import Log
 
 STEPPED = ("theta", "theta_dot", "beta")
 FEWEST_STEPS = 3       # different values
+MANY_VALUES = 20       # different values, of which none is between two steps by chance
 MOST_DIFFERENT = 0.5   # of the rows, that have a value of their own: of a column that is not stepped all have
 OFF_STEP = 0.05        # of a step, that a printed value may be off
 COUNTS = 0.1           # of a declared deviation, that step/sqrt(12) must be to count
@@ -32,6 +33,23 @@ def step_of(x: np.ndarray) -> float:
     step = float(np.median(apart[apart < 1.5 * step]))   # less the rounding of one
     many = (values - values[0]) / step
     return step if np.max(np.abs(many - np.rint(many))) < OFF_STEP else 0.0
+
+
+def quantum_of(x: np.ndarray) -> float:
+    """Return the largest number [the column's unit] that every difference of values of x (n,) is a multiple of; 0 if
+    there is none.  A column of few digits in another unit has one in ours, as degrees of three decimals in rad."""
+    values = np.unique(x[np.isfinite(x)])
+    if len(values) < MANY_VALUES:
+        return 0.0
+    apart = np.diff(values)
+    apart = apart[apart > 1e-9 * np.ptp(values)]
+    for parts in (1, 2, 3):
+        step = float(np.min(apart)) / parts
+        step = float(np.ptp(values)) / max(round(float(np.ptp(values)) / step), 1)   # of all of them the best known
+        many = (values - values[0]) / step
+        if np.max(np.abs(many - np.rint(many))) < OFF_STEP:
+            return step
+    return 0.0
 
 
 def with_steps(nominal: Nominal, log: Log) -> Nominal:
