@@ -19,6 +19,7 @@ from ..weakform.late import Lead
 from ..weakform.modes import FAST_THETA, term_modes
 from . import weak
 from .channels import Channels, channels
+from .law import ShownLaw, shown_law
 from .model import BY_COMMAND, BY_MEASUREMENT, command, run
 from .scoring import Fitted, fit
 from .search import Found, is_held, search
@@ -45,6 +46,7 @@ class First:
     terms    coefficients of theta_dot [1/s] and sign(theta_dot) [rad/s^2], if the model has them
     delay    [s] of the command to the nozzle (or to the motion, if no nozzle is measured), or of nozzle to motion
     servo    natural frequency [rad/s] and damping ratio, where a command and the nozzle tell them
+    law      the controller, where the commands show it
     offsets  moment [rad/s^2], gyro_bias [rad/s];  noise  one sigma a sample or period;  wind  as in [wind]
     refused  sentences on what the log cannot tell;  notes  on what was left out;  a6_k1_corr  of the first node
     r2  of held-out rows, predicted
@@ -72,6 +74,7 @@ class First:
     notes: tuple[str, ...]
     refused: tuple[str, ...] = field(default=())
     a6_k1_corr: float = 0.0
+    law: ShownLaw | None = None
 
 
 @np.errstate(over="ignore", divide="ignore", invalid="ignore")  # of models that are tried, and diverge: they lose
@@ -94,7 +97,7 @@ def first(log: Log) -> First:
     result = search(c)
     nominal = answer(result)
     is_beta = c.has("beta") and not result.channels.has("beta")   # it drives as it stands
-    nominal = replace(nominal, delay_of="beta") if is_beta else nominal
+    nominal = replace(nominal, delay_of="beta") if is_beta else replace(nominal, law=shown_law(log))
     return replace(nominal, refused=tuple(reasons(nominal, result, "beta" if c.has("beta") else "beta_cmd")))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sim.effects import Effect, effect
 from sim.files import write_text
-from sim.nominal import Actuator, Nominal, Profile, Sensors, Simulation, Wind, constant_profile, nominal_lines
+from sim.nominal import Actuator, Controller, Nominal, Profile, Sensors, Simulation, Wind, constant_profile, nominal_lines
 
 from ..formatting import known, saying_what_plus_minus_is, with_std
 from .answer import First, Number
@@ -33,7 +33,8 @@ def nominal_of(numbers: First, name: str) -> Nominal:
     vehicle, terms, effects = plant(numbers)
     step = numbers.period / math.ceil(numbers.period / INTEGRATION_STEP - 1e-9)
     return Nominal(
-        name=name, vehicle=vehicle, terms=terms, effects=effects, actuator=actuator(numbers), sensors=sensors(numbers),
+        name=name, vehicle=vehicle, terms=terms, effects=effects, actuator=actuator(numbers), controller=controller(numbers),
+        sensors=sensors(numbers),
         simulation=Simulation(duration=float(f"{numbers.duration:.{DIGITS}g}"), step=step,
                               acceleration_noise_std=numbers.noise["acceleration"][0]),
         wind=wind(numbers) if is_wind(numbers) else None)
@@ -116,6 +117,17 @@ def actuator(numbers: First) -> Actuator | None:
     return Actuator(w, zeta, command_noise_std=noise, delay=delay, **unknown)
 
 
+def controller(numbers: First) -> Controller | None:
+    """Return [controller]; None where the commands show none, or there is no [actuator] that they are for."""
+    law = numbers.law
+    if law is None or actuator(numbers) is None:
+        return None
+    c, deviation = law.controller, law.kp_std
+    gain = {"ki": known(c.ki, law.kd_std)} if c.is_rate_law else {"kd": known(c.kd, law.kd_std)}
+    return replace(c, kp=known(c.kp, deviation), **gain,
+                   derivative_time_constant=float(f"{c.derivative_time_constant:.{DIGITS}g}"))
+
+
 def sensors(numbers: First) -> Sensors:
     """Return [sensors]; a sensor that the log lacks gets the noise of differencing, or a guess."""
     theta = numbers.noise.get("theta", (UNKNOWN_THETA, 0.0))[0]
@@ -159,6 +171,11 @@ def comments(numbers: First) -> dict[tuple[str, str], str]:
         said["actuator", "damping_ratio"] = shown(numbers.servo[1])
     else:
         said["actuator", "natural_frequency"] = "no nozzle was measured: fast, its lag taken off the delay"
+    if numbers.law is not None:
+        own = numbers.law.controller.is_rate_law
+        said["controller", "kp"] = shown((0.0, numbers.law.kp_std), "s" if own else "")
+        said["controller", "ki" if own else "kd"] = shown((0.0, numbers.law.kd_std), "" if own else "s")
+        said["controller", "period"] = "s, of the commands"
     if "command" in numbers.noise:
         said["actuator", "command_noise_std"] = shown(numbers.noise["command"], "rad")
     said |= {("wind", name): shown(number, UNIT_OF[name]) for name, number in numbers.wind.items()}
@@ -215,6 +232,10 @@ def lines(first: First, out: str) -> list[str]:
         said.append(f"delay after {after} {with_std(*first.delay)} s")
     if first.servo is not None:
         said.append(f"servo {with_std(*first.servo[0])} rad/s, damping ratio {with_std(*first.servo[1])}")
+    if first.law is not None:
+        c, (name, unit) = first.law.controller, ("ki", "") if first.law.controller.is_rate_law else ("kd", " s")
+        said.append(f"controller kp {with_std(c.kp, first.law.kp_std)}, {name} "
+                    f"{with_std(getattr(c, name), first.law.kd_std)}{unit}, every {c.period:g} s")
     for words, each in (("offset", first.offsets), ("noise", first.noise), ("wind", first.wind)):
         said += [f"{words} {name} {with_std(*number)} {UNIT_OF[name]}" for name, number in each.items()]
     return [*saying_what_plus_minus_is(said), *first.notes, f"{out}: written"]
@@ -245,6 +266,12 @@ def report(numbers: First) -> dict[str, Any]:
         "delay": None if no_k1 else number_json(numbers.delay), "delay_of": numbers.delay_of,
         "actuator": None if numbers.servo is None else {"natural_frequency": number_json(numbers.servo[0]),
                                                         "damping_ratio": number_json(numbers.servo[1])},
+        "controller": None if numbers.law is None else {
+            "law": numbers.law.controller.law, "kp": number_json((numbers.law.controller.kp, numbers.law.kp_std)),
+            **({"ki": number_json((numbers.law.controller.ki, numbers.law.kd_std))}
+               if numbers.law.controller.is_rate_law else
+               {"kd": number_json((numbers.law.controller.kd, numbers.law.kd_std))}),
+            "period": numbers.law.controller.period},
         "offsets": {name: number_json(number) for name, number in numbers.offsets.items()},
         "noise": {name: number_json(number) for name, number in numbers.noise.items()},
         "wind": {name: number_json(number) for name, number in numbers.wind.items()},
