@@ -8,7 +8,7 @@ from ..likelihood.estimate import Fit, evaluate, gauss_newton, gram, refreshed
 from ..likelihood.likelihood import LEVELS
 from ..sums import along, square
 from .candidates import CANDIDATE_KINDS
-from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, Elimination, Kept
+from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, MOST, TWIN_Z, Elimination, Kept
 from .gain import Gain
 from .known import SCORE_BLOCKS
 from .model import Model
@@ -103,7 +103,7 @@ def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
     no claim of noise alone."""
     out = []
     base, error = compare(m, el.e_final, el.e_full, el.unit)
-    if base > ALIKE_Z * error and base > MIN_SQUARES_SAVED:
+    if base > TWIN_Z * error and base > MIN_SQUARES_SAVED:
         out.append(f"left-out blocks: worse than the full model by {0.5 * base:.0f} +- {0.5 * error:.0f} nats")
     if gain.floor < AHEAD:
         out.append(f"the full model's error ahead is {gain.floor:.2f} of what these numbers leave")
@@ -111,6 +111,27 @@ def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
         if m.log.has[name] and m.levels[ch] - m.noise.declared[ch] > math.log(LEVEL):
             out.append(f"noise of {name} is {math.exp(m.levels[ch] - m.noise.declared[ch]):.1f} times the declared")
     return out
+
+
+def clear(m: Model, el: Elimination, listed: list[Kept]) -> list[Kept]:
+    """Return the groups, of a log that the nominal's own simulation did not fly, that save most of what everything
+    saves; all that are listed if one alone was kept.  Small motions that no model has make small numbers significant.
+
+    Where nothing shows what the input does on its way, a delay and a wash-out are judged together, as the larger.
+    """
+    if len(el.kept) < 2:
+        return listed
+    path = [k for k in listed if m.log.is_blind and k.group.name in ("delay", "washout")]
+    shares = {k.group.name: k.share for k in listed}
+    if len(path) > 1:
+        largest = max(path, key=lambda k: k.gain)
+        numbers, p = [j for k in path for j in k.group.numbers], el.final.p.copy()
+        p[numbers] = m.table.null[numbers]
+        free = tuple(j for j in el.final.free if j not in numbers)
+        without = left_out(m, gauss_newton(m, p, free, el.final.band, 3))
+        shares |= {k.group.name: 0.0 for k in path}
+        shares[largest.group.name] = compare(m, without, el.e_final, el.unit)[0] / el.removable
+    return [k for k in listed if shares[k.group.name] > MOST]
 
 
 def acts(m: Model, el: Elimination) -> bool:

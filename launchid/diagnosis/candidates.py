@@ -38,10 +38,11 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Shape:
-    """A candidate that is in the model: its kind, and the names of its numbers, the linear ones first."""
+    """A candidate that is in the model: its kind, the names of its numbers, the linear ones first, and its `chance`."""
 
     kind: "Kind"
     names: tuple[str, ...]
+    chance: float = 1.0
 
     def columns(self, m: Model, nonlinear: tuple[float, ...]) -> list[Column]:
         """Return a column per unit amplitude at these nonlinear values; cached in m, as they change seldom."""

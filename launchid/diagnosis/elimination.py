@@ -57,6 +57,7 @@ class Group:
     is_event: bool = False
     has_band: bool = False
     is_listed: bool = True
+    chance: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,7 @@ def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
     for shape in m.shapes:
         kind, numbers = shape.kind, tuple(m.table.index(name) for name in shape.names)
         out.append(Group(shape.names[0].partition(".")[0], kind.name, numbers, kind.linear, kind.cause, kind.place,
-                         is_event=kind.once, is_listed=bool(kind.cause)))
+                         is_event=kind.once, is_listed=bool(kind.cause), chance=shape.chance))
     return out
 
 
@@ -168,7 +169,7 @@ class Search:
         if group.name == "inertia" and not self.m.log.is_commanded and gain < MOST * removable:
             return False     # rows of a measured input that moves between them feign a little of it
         if group.is_event:
-            return gain > EVENT and gain > NAME_SHARE * removable
+            return gain > EVENT * group.chance and gain > NAME_SHARE * removable
         if self.m.log.is_flown and group.name not in KINEMATIC and gain > SHAPE_Z * error:
             removable -= self.by_sensors
         is_clear = not self.m.log.is_flown and gain > max(MOST * removable, EVENT)

@@ -156,7 +156,7 @@ class Model:
         f = get("moment") + k1 * get("misalignment") + a6 * get("wind") + path.force + \
             get("term 1", log.terms.get("1", 0.0)) + get("a6", 1.0) * path.air
         rows["m"] = log.a6 if self.air.is_windy else 1.0
-        rows["g"] = log.a6
+        rows["g"] = log.a6 if log.is_flown or self.air.is_windy else 1.0
         z, u = log.z - path.shift, log.input_of(get)
         for shape in self.shapes:
             values = tuple(float(p[at[name]]) for name in shape.names)

@@ -14,13 +14,15 @@ MOMENT_TIME = 20.0     # s, the time of that moment: slow beside the vehicle, se
 WIND_LEVEL = 0.005     # rad, rad/sqrt(s): of weather that nobody declared, where its fit begins
 WIND_SPREAD, WIND_CAP = 2.0, 40.0   # sigma of the logarithm of that level; times it, the largest
 WEATHER = {"turbulence": LEVELS.index("turbulence"), "wind_walk": LEVELS.index("walk")}   # causes that are a level
+DISTURBANCE_TIME = 0.1  # s, of a stranger's motion that no model has: between its rows and the vehicle's time
+DISTURBANCE = 0.02     # of the acceleration, where the fit of its size begins; it moves at most half as much
 THIRD_DIFFERENCES = 20.0  # variance of third differences of white noise
 DENSEST = 30.0         # times the declared, up to which a sensor's noise of a stand may be fitted
 LOUDEST = 1e4          # times the declared, of the acceleration of a stand: nominals of others declare what they like
 FLOWN_SPREAD = (0.5, 0.5, 0.5, 0.5, 0.3, 1.0, 1.0)     # sigma of each level's logarithm, of LEVELS, where the nominal's
 FLOWN_CAP = (3.0, 3.0, 3.0, 3.0, 3.0, 2.0, 2.0)        # own simulation flew; times the declared, the largest
-STRANGE_SPREAD = (1.0, 1.0, 1.0, 2.5, 1.0, 1.5, 0.0)   # the same of a stranger's log
-STRANGE_CAP = (DENSEST, DENSEST, DENSEST, LOUDEST, DENSEST, 10.0, 1.0)
+STRANGE_SPREAD = (1.0, 1.0, 1.0, 2.5, 1.0, 1.5, 2.0)   # the same of a stranger's log
+STRANGE_CAP = (DENSEST, DENSEST, DENSEST, LOUDEST, DENSEST, 10.0, 25.0)
 FREE_SPREAD = 5.0      # the same where levels are asked to be free
 
 
@@ -80,7 +82,8 @@ def _air(log: KnownLog) -> tuple[Air, float, float]:
     if log.is_flown:
         moment = ARC_MINUTE * max(float(np.sqrt(np.mean(log.k1**2))), 1e-3)
         return Air("", False, MOMENT_TIME, 1.0, moment), moment, 0.0
-    return Air("", False, math.inf, 1.0, 0.0), 0.02 * log.scales.acceleration / math.sqrt(5.0), 0.0
+    slow, fast = DISTURBANCE * log.scales.acceleration / math.sqrt(5.0), DISTURBANCE * log.scales.acceleration
+    return Air("", False, math.inf, DISTURBANCE_TIME, 0.0), slow, fast
 
 
 def _sensors(log: KnownLog) -> list[float]:

@@ -78,7 +78,7 @@ def usual(log: KnownLog) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table wi
     if has_input and (log.is_smooth if not log.is_commanded else log.is_flown or log.has_beta):
         add("inertia", 0.0, 0.0, acc * 0.05**2 / s.beta, "nozzle_inertia", "coefficient")
     if has_input:
-        timing = d.timing + (0.6 * row if log.is_blind or not log.is_commanded else 0.0)   # rows do not say when in them
+        timing = d.timing + (0.6 * row if log.is_blind or not log.is_commanded else 0.0)   # a row does not say when
         least = -2.0 * timing - (log.servo.delay + log.servo.lag if log.is_blind and log.is_commanded else 0.0)
         add("delay", 0.0, timing, TIMES, "actuator_delay", "delay", least, LARGEST_DELAY, 1e-4 + 0.01 * row)
         add("washout", 0.0, 0.002, 2.0, "input_washout", "time_constant", 0.0, 50.0, 1e-3)

@@ -19,16 +19,21 @@ from .model import Model
 SQUARES_PROMISED = 25.0  # squares that a shape must promise: chance gives the best of 400 places 12
 EACH = 6.0             # squares that every number beyond the first must promise besides
 RIVAL_SHARE = 0.6      # of the best's, from which another kind is fitted beside it as a rival
+CHI_SQUARE_MEDIAN = 0.455  # of one degree: what a number saves by chance, in the middle
 LOW_OVERLAP = 0.02     # of a column that the free numbers do not make: less is theirs
 
 
 class Found(NamedTuple):
-    """A candidate's best nonlinear values, its amplitudes there, and the squares that fitting it would save."""
+    """A candidate's best nonlinear values, its amplitudes there, and the squares that fitting it would save.
+
+    chance: of an event, times the squares of white errors that it saves at the other times of the log, at least 1
+    """
 
     kind: Kind
     values: tuple[float, ...]
     sizes: np.ndarray
     saves: float
+    chance: float = 1.0
 
 
 class Scanner:
@@ -50,7 +55,7 @@ class Scanner:
                                  none if command is None else command.mean(axis=1), still if shift is None else shift)
                       for force, command, shift in kind.make(m, *values)])
         sizes, saves = self.saved(Y)
-        return Found(kind, values, sizes, saves - EACH * (len(sizes) + len(values) - 1) if saves > 0.0 else 0.0)
+        return Found(kind, values, sizes, saves)
 
     def saved(self, Y: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the best amplitudes (c,) of columns Y (c, r), slopes of the whitened innovations, and the squares that
@@ -76,7 +81,8 @@ class Scanner:
         found = [self.tried(kind, values) for values in starts]
         best = max(found, key=lambda each: each.saves, default=None)
         if best is None or not starts[0]:
-            return best
+            return best and best._replace(saves=best.saves - EACH * (kind.linear - 1))
+        chance = max(1.0, float(np.median([each.saves for each in found])) / CHI_SQUARE_MEDIAN) if kind.once else 1.0
         span, n = m.log.span, kind.linear
         reach = {"time": 0.01 * span} | ({"frequency": 2.0 / span, "climb": 8.0 / span**2} if n > 1 else {})
         shares = {"frequency": 0.12, "damping_ratio": 0.5}
@@ -87,7 +93,7 @@ class Scanner:
                     if low < x < high:
                         again = self.tried(kind, (*best.values[:i], float(x), *best.values[i + 1:]))
                         best = again if again.saves > best.saves else best
-        return best
+        return best._replace(saves=best.saves / chance - EACH * (n + len(best.values) - 1), chance=chance)
 
 
 @np.errstate(over="ignore", invalid="ignore")   # of a nominal that diverges: what overflows promises nothing
@@ -102,7 +108,7 @@ def scan(m: Model, fit: Fit) -> tuple[Model, list[Found]]:
 def with_shape(m: Model, p: np.ndarray, found: Found) -> tuple[Model, np.ndarray]:
     """Return the model with a found shape in its table, and the numbers p with the shape's, at the values found."""
     mark = f"{found.kind.name}#{sum(shape.kind is found.kind for shape in m.shapes)}."
-    shape = Shape(found.kind, tuple(mark + each for each in found.kind.parameters))
+    shape = Shape(found.kind, tuple(mark + each for each in found.kind.parameters), found.chance)
     table = Table.of([*m.table.numbers, *found.kind.numbers(m, shape, found.values)])
     return replace(m, table=table, shapes=(*m.shapes, shape)), np.concatenate([p, found.sizes, found.values])
 

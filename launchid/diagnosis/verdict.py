@@ -18,7 +18,7 @@ from ..log.log import Log, flown_log
 from ..log.vehicle import plant_faults
 from ..sums import square
 from .adapter import FEWEST_ROWS, Reading, read
-from .adequacy import acts, adequacy, is_rest, other_shape, strangers
+from .adequacy import acts, adequacy, clear, is_rest, other_shape, strangers
 from .elimination import MIN_SQUARES_SAVED, MOST, NAME_SHARE, Elimination, Kept, Search
 from .gain import Gain, held_out
 from .model import Model, Stopped
@@ -30,9 +30,13 @@ from .start import everything, with_found
 
 MOST_GROWTH = 16.0     # nats in a row: ten million times, beyond which the filter sets a motion back to the log
 UNKNOWN_LEFT = 0.75    # of the removable error ahead: with more left beside something unknown no cause is named
+FORM_Z = 3.0           # standard deviations beyond which a lateness is no delay, or no lag, alone
 BETWEEN_THEM = 2.0     # of what everything saves, that names may save last in: more is numbers that undo one another
 INPUT_NUMBERS = ("k1", "k1_slope", "delay", "lag", "washout", "bandwidth", "inertia", "term beta^2",   # of the input
                  "control_loss", "bending", "actuator_backlash", "actuator_rate_limit")
+
+
+Values = dict[str, tuple[Any, float | None]]   # parameter -> value, standard deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,14 +180,20 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
             listed.remove(k)
             words.append(why)
     of_input = [k for k in listed if k.group.kind in INPUT_NUMBERS]
+    resembled = tuple(listed)
     if not m.log.is_flown and of_input and not acts(m, el):
-        listed = [k for k in listed if k not in of_input]
+        listed, resembled = [], tuple(k for k in listed if k not in of_input)
         words.append("the input of another time explains as much as the log's own: nothing is said of it")
+    elif not m.log.is_flown:
+        listed = clear(m, el, listed)
+        words += [f"{k.group.kind} saves {100 * k.share:.0f} % beside: it may be what the model does not have"
+                  for k in resembled if k not in listed]
     modes = [k.group.kind for k in listed if k.group.kind in MODES]
     if m.air.weather and modes:
         words.append(f"what a {modes[0]} leaves is like {m.air.weather}: it is neither")
-    names = [*named_beside(m, el, controller, bool(m.air.weather) and not modes),
-             *(each for k in listed for each in named_of(m, el, k))]
+    beside = named_beside(m, el, controller, bool(m.air.weather) and not modes)
+    names = [*beside, *(each for k in listed for each in named_of(m, el, k))]
+    nearest = [*beside, *(each for k in resembled for each in named_of(m, el, k))]
     doubts = [others.get(k.group.name) or f"{k.group.kind} explains {0.5 * k.gain:.0f} nats and is no known cause"
               for k in unlisted]
     where = unlisted[0].group.place if unlisted else None
@@ -204,7 +214,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     short = 2.0 * nats < MOST * el.removable
     noises = sum("noise of" in each for each in inadequate)
     loud = m.log.is_flown and (noises > 1 or (noises == 1 and gain.share > NAME_SHARE))
-    is_poor = bool(listed) and bool(against) and (gain.share > (UNKNOWN_LEFT if m.log.is_flown else 1.0 - UNKNOWN_LEFT)
+    is_poor = bool(listed) and bool(against) and (gain.share > (UNKNOWN_LEFT if m.log.is_flown else MOST)
                                                   or short or loud)
     is_known = bool(names) and not (is_foreign or is_odd or is_poor)
     if is_known and not against:
@@ -213,7 +223,7 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     if is_known and sure and sum(k.share for k in el.kept) <= BETWEEN_THEM:
         return result("dominant", sure[0].where, named=sure, remaining=tuple(against), share=gain.share,
                       remaining_where=where or misfit)
-    return result("unexplained", where or misfit or (names[0].where if names else "plant"), nearest=tuple(names),
+    return result("unexplained", where or misfit or (nearest[0].where if nearest else "plant"), nearest=tuple(nearest),
                   doubts=tuple(against))
 
 
@@ -246,7 +256,8 @@ def no_cause(m: Model, el: Elimination, k: Kept, controller: ControllerCheck | N
     """
     j, name = k.group.numbers[0], k.group.kind
     number, value = m.table.numbers[j], el.final.p[j]
-    if number.parameter == "scale" and not value > 0.0:
+    is_own = number.name == "term " + number.parameter and number.null != 0.0
+    if (number.parameter == "scale" and not value > 0.0) or (is_own and not value / number.null > 0.0):
         return f"{name} has the opposite sign: a convention, or a wrong nominal"
     if number.name == k.group.name and (value <= m.table.low[j] + 1e-9 or value >= m.table.high[j] - 1e-9):
         return f"{name} would be {value:.3g}, the end of its range, or beyond: something else is wrong"
@@ -281,56 +292,20 @@ def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None, 
 def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
     """Return a kept group as causes in the catalogue's words; a sine in the place of the angle is two terms; a servo
     that is both later and slower is one cause: a scale that is as late as both, not told from a delay."""
-    cause = k.group.cause
-    values: dict[str, tuple[Any, float | None]] = {}
-    for j in k.group.numbers:
-        number, value, std = m.table.numbers[j], float(el.final.p[j]), k.std.get(j)
-        is_scale, own = number.parameter == "scale", m.log.given.get(number.name)   # of the nominal's own effects
-        extra = value if own is None else value / own if is_scale else value - own
-        # that is nobody's fault
-        part = number.tol / TOLERANCE_SIGMAS * (abs(value) if is_scale else 1.0)
-        values[number.parameter] = (extra, None if std is None else math.hypot(std, part))
-    if cause == "missing_term":
-        j, number = k.group.numbers[0], m.table.numbers[k.group.numbers[0]]
-        coefficient = (float(el.final.p[j]) - number.null, k.std.get(j))
-        values = {"term": (number.parameter, None), "coefficient": coefficient}
-        if number.name == "term " + number.parameter and number.null != 0.0:   # of the nominal's own: more of it
-            values["believed"] = (number.null, None)
-    if cause == "periodic_disturbance":
-        s, c = (float(el.final.p[j]) for j in k.group.numbers[:2])
-        w = float(el.final.p[k.group.numbers[2]])
-        values = {"amplitude": (math.hypot(s, c), k.std.get(k.group.numbers[0])),
-                  "frequency": (w, k.std.get(k.group.numbers[2])),
-                  "phase": (math.remainder(math.atan2(c, s) - w * m.log.centre, 2.0 * math.pi), None)}
-    if cause == "input_washout":
-        v, std = values["time_constant"]
-        values = {"time_constant": (1.0 / v if v else math.inf, (std or 0.0) / v**2 if v else None)}
-    late = {"delay", "bandwidth"} <= {each.group.name for each in el.kept}
-    if late and k.group.name == "delay":
-        return []          # it is said with the bandwidth
-    if late and k.group.name == "bandwidth":
-        (value, std), delay = values["scale"], m.table.index("delay")
-        scale = m.log.servo.lag / (m.log.servo.lag / value + float(el.final.p[delay] - m.table.null[delay]))
-        if abs(scale - 1.0) < max(m.table.tol[k.group.numbers[0]], 2.0 * (std or 0.0)):
-            return []      # they undo one another
-        values = {"scale": (scale, std)}
-    if cause == "actuator_bandwidth" and "lag" in values:
-        lag, std = values["lag"]
-        scale = m.log.servo.lag / (m.log.servo.lag + lag)
-        values = {"scale": (scale, None if std is None else scale / (m.log.servo.lag + lag) * std)}
-    if "share" in values:
-        share, width = (float(el.final.p[j]) for j in k.group.numbers)
-        values.pop("share")
-        if cause == "actuator_backlash":
-            at = [el.final.at(j) for j in k.group.numbers]
-            C, slope = covariance(m, el.final, el.unit)[np.ix_(at, at)], np.array([width, share])
-            values = {"half_width": (share * width, math.sqrt(slope @ C @ slope))}
+    cause, values = k.group.cause, parameters_of(m, el, k)
     alike = {*k.alike} - {""} | set(EQUAL_CAUSES.get(k.group.name, ()))
-    if m.log.is_blind and k.group.name == "delay" and "lag" in m.table:   # told apart by no nozzle, but by its form
-        lag = m.table.index("lag")
-        std = el.std_full.get(lag, 0.0)
-        alike |= {"actuator_bandwidth"} if m.log.is_commanded else set()
-    alike |= {"actuator_delay"} if late and k.group.name == "bandwidth" else set()
+    if {"delay", "bandwidth"} <= {each.group.name for each in el.kept}:
+        if k.group.name == "delay":
+            return []          # it is said with the bandwidth
+        if k.group.name == "bandwidth":
+            (value, std), delay = values["scale"], m.table.index("delay")
+            scale = m.log.servo.lag / (m.log.servo.lag / value + float(el.final.p[delay] - m.table.null[delay]))
+            if abs(scale - 1.0) < max(m.table.tol[k.group.numbers[0]], 2.0 * (std or 0.0)):
+                return []      # they undo one another
+            values, alike = {"scale": (scale, std)}, alike | {"actuator_delay"}
+    if k.group.name == "delay" and m.log.is_blind and m.log.is_commanded:
+        cause, values = form_of(m, el, k, values)
+        alike |= {"actuator_delay", "actuator_bandwidth"}
     if cause == "gyro_delay" and values["delay"][0] < 0.0 and not m.log.is_flown:
         cause, values = "attitude_delay", {"delay": (-values["delay"][0], values["delay"][1])}
     named = Named(cause, CATALOGUE[cause].where, values, tuple(sorted(alike - {cause})), 0.5 * k.gain, k.share)
@@ -338,3 +313,61 @@ def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
         return [named]
     size, std = values["coefficient"]
     return [named, replace(named, parameters={"term": ("theta", None), "coefficient": (-size, std)}, alike=())]
+
+
+def form_of(m: Model, el: Elimination, k: Kept, values: Values) -> tuple[str, Values]:
+    """Return the cause and its parameters of a lateness whose nozzle nothing shows, by the part of it that is a lag: a
+    slower servo only where it may be all of it and not none."""
+    lag, (late, std) = m.table.index("lag"), values["delay"]
+    part = float(el.final.p[lag] - m.table.null[lag])
+    error = FORM_Z * el.std_full.get(lag, math.inf)
+    may_delay, may_lag = part < error, late - part < math.hypot(error, FORM_Z * (std or 0.0))
+    scale = m.log.servo.lag / max(m.log.servo.lag + late, 1e-6)
+    slower: Values = {"scale": (scale, None if std is None else scale**2 / m.log.servo.lag * std)}
+    return ("actuator_bandwidth", slower) if may_lag and not may_delay else ("actuator_delay", values)
+
+
+def parameters_of(m: Model, el: Elimination, k: Kept) -> Values:
+    """Return the parameters of a kept group's cause in the catalogue's words."""
+    cause, p = k.group.cause, el.final.p
+    values: Values = {}
+    for j in k.group.numbers:
+        number, value, std = m.table.numbers[j], float(p[j]), k.std.get(j)
+        is_scale, own = number.parameter == "scale", m.log.given.get(number.name)   # of the nominal's own effects
+        extra = value if own is None else value / own if is_scale else value - own
+        # that is nobody's fault
+        part = number.tol / TOLERANCE_SIGMAS * (abs(value) if is_scale else 1.0)
+        values[number.parameter] = (extra, None if std is None else math.hypot(std, part))
+    if cause == "missing_term":
+        return term_of(m, el, k)
+    if cause == "periodic_disturbance":
+        s, c = (float(p[j]) for j in k.group.numbers[:2])
+        w = float(p[k.group.numbers[2]])
+        return {"amplitude": (math.hypot(s, c), k.std.get(k.group.numbers[0])),
+                "frequency": (w, k.std.get(k.group.numbers[2])),
+                "phase": (math.remainder(math.atan2(c, s) - w * m.log.centre, 2.0 * math.pi), None)}
+    if cause == "input_washout":
+        v, std = values["time_constant"]
+        return {"time_constant": (1.0 / v if v else math.inf, (std or 0.0) / v**2 if v else None)}
+    if cause == "actuator_bandwidth" and "lag" in values:
+        lag, std = values["lag"]
+        scale = m.log.servo.lag / (m.log.servo.lag + lag)
+        return {"scale": (scale, None if std is None else scale / (m.log.servo.lag + lag) * std)}
+    if cause == "actuator_backlash":
+        share, width = (float(p[j]) for j in k.group.numbers)
+        at = [el.final.at(j) for j in k.group.numbers]
+        C, slope = covariance(m, el.final, el.unit)[np.ix_(at, at)], np.array([width, share])
+        return {"half_width": (share * width, math.sqrt(slope @ C @ slope))}
+    values.pop("share", None)
+    return values
+
+
+def term_of(m: Model, el: Elimination, k: Kept) -> Values:
+    """Return the parameters of a term, whose coefficient is what the nominal's, `believed`, lacks."""
+    j = k.group.numbers[0]
+    number = m.table.numbers[j]
+    values: Values = {"term": (number.parameter, None),
+                      "coefficient": (float(el.final.p[j]) - number.null, k.std.get(j))}
+    if number.name == "term " + number.parameter and number.null != 0.0:
+        values["believed"] = (number.null, None)
+    return values

@@ -55,7 +55,7 @@ PLANT_EFFECTS = (
     Cause("missing_term", "plant", (
         Parameter("term", "term"),
         Parameter("coefficient", "rad/s^2 per unit of the term", neutral=0.0)),
-        "theta_ddot += coefficient*term, a library term"),
+        "theta_ddot += coefficient*term, a library term; of a term that the nominal has, what it lacks"),
     Cause("moment_step", "plant", (Parameter("acceleration", "rad/s^2", neutral=0.0), Parameter("time", "s")),
         "theta_ddot += acceleration from `time` on"),
     Cause("nozzle_inertia", "plant", (Parameter("coefficient", "", neutral=0.0, into="nozzle_inertia"),),
