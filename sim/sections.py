@@ -114,7 +114,8 @@ def constant(x: float) -> InTime:
     return InTime((0.0,), (x,))
 
 
-SLOSH_DAMPING, BENDING_DAMPING = constant(0.02), constant(0.03)  # as of the effects: baffled tank, light alloy
+SLOSH_DAMPING = constant(0.02)    # of a baffled tank, as the effect's
+BENDING_DAMPING = constant(0.03)  # of light alloy, as the effect's
 MOST_MODES = 3  # of slosh, and of bending: more than a launcher's controller is designed for
 
 

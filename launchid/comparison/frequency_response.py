@@ -45,8 +45,8 @@ from ..log.log import Log
 from ..spectra import hann, segments
 
 WANTED_SEGMENTS = 8     # lengths of a segment that a log holds, at least
-# s, of a segment: frequencies from 1/5 Hz on, and windows in which a6 and k1 are frozen
-LONGEST, SHORTEST_SEGMENT = 10.0, 2.0
+LONGEST = 10.0          # s, of a segment: a6 and k1 are frozen in its middle
+SHORTEST_SEGMENT = 2.0  # s
 MIN_SEGMENTS = 4        # segments that have a spread
 LOBE = 2.0              # bins, of the Hann window's main lobe to each side
 FIRST_BIN = 2           # below, the window does not tell a frequency from a mean

@@ -26,7 +26,8 @@ from ..sums import combined, least_squares, products, square
 MEMORY_LEFT = 1e-5    # of what the controller remembered: less is nothing
 MIN_COMMANDS = 20     # commands, without which nothing is said
 MOST_COMPUTING_PERIODS = 6  # periods of computing time that are tried
-OFF_GRID, ON_GRID = 0.25, 0.99  # of a row's distance, by which 0.99 of the stamps lie on the controller's periods
+OFF_GRID = 0.25  # of a row's distance, by which a stamp may be off the controller's periods
+ON_GRID = 0.99   # of the stamps that must be no further off
 MOST_PERIODS_A_ROW = 100  # times the rows: a log of more periods has a stamp that is none
 SAME_GAIN = 2e-3      # relative, of a gain; of a period, of a delay: closer is the same
 MISFIT_LEFT = 0.5     # of a misfit: what other gains leave less of is no noise, however small it is

@@ -92,7 +92,8 @@ def too_large(numbers: int, itemsize: int, file_size: int) -> str:
     return ""
 
 
-HEAD_LINES, HEAD_CHARACTERS = 1000, 1 << 18   # in which a table begins
+HEAD_LINES = 1000           # in which a table begins
+HEAD_CHARACTERS = 1 << 18   # and characters
 BLANKS = " "          # as a delimiter: any run of blanks and tabs
 DELIMITERS = (",", ";", "\t", "|", BLANKS)
 DECIMAL_POINTS = (".", ",")

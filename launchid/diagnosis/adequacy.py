@@ -15,11 +15,14 @@ from .model import Model
 from .scan import Found, with_shape
 from .score import compare, left_out
 
-GOES_Z, GOES = 4.5, 0.003   # block-robust z and share with which errors go with a signal: something is missing
+GOES_Z = 4.5           # block-robust z with which errors follow a signal: something is missing
+GOES = 0.003           # and the share of their squares that does
 LOUD_LEVEL = 2.9       # times the declared, from which a level hides what is not modelled
 WHITE_SQUARES = 1.35   # mean square of whitened errors that a model at its noise may leave
-AHEAD, LEVEL = 0.85, 2.0     # of a stranger's log: share of the error ahead, noise level
-TURNING_SHARES, PLACEBO = (0.2, 0.45, 0.7), 2.0   # of the log, turns of the input; times that its own must win
+AHEAD = 0.85           # of a stranger's log: share of the error ahead
+LEVEL = 2.0            # of a stranger's log: noise level over the declared
+TURNING_SHARES = (0.2, 0.45, 0.7)   # of the log, by which the input is shifted
+PLACEBO = 2.0          # times by which the input's own time must win over a shifted one
 
 
 def adequacy(m: Model, fit: Fit) -> tuple[list[str], str | None]:

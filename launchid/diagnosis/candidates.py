@@ -16,12 +16,15 @@ from .model import Model
 CYCLES = 10.0          # of a line in a log, fewer are a drift
 LEAST_CLIMB = 3.5      # turns of phase that its climb makes to either end, fewer are a line
 FASTEST_CLIMB = 9.0    # rad/s, from the middle of a log to its end, of a tone that climbs
-SLOSH, BENDING = (1.0, 12.0), (6.0, 300.0)   # rad/s: liquid propellant; a structure
-MODE_STEPS, START_DAMPING = 28, 0.03         # frequencies tried in each range; the damping at which they are tried
+SLOSH = (1.0, 12.0)    # rad/s: liquid propellant
+BENDING = (6.0, 300.0)  # rad/s: a structure
+MODE_STEPS = 28        # frequencies tried in each range
+START_DAMPING = 0.03   # at which they are tried
 DAMPING_RANGE = (0.002, 0.2)  # ratios of a mode; beyond it is a filter for anything
 GUSTS = (1.5, 2.5, 4.0, 6.0)                 # s, durations tried
 ONSET_TIMES = 60       # times tried along a log
-PLAYS, RATES = (3e-4, 8e-4, 2e-3, 5e-3, 1.5e-2), (0.02, 0.04, 0.07, 0.12, 0.2, 0.35)  # rad; of the fastest command
+PLAYS = (3e-4, 8e-4, 2e-3, 5e-3, 1.5e-2)   # rad
+RATES = (0.02, 0.04, 0.07, 0.12, 0.2, 0.35)  # of the fastest command
 
 
 # ---- shapes beyond them
@@ -230,7 +233,8 @@ def _product(term: str, first: int, second: int, when: str) -> Kind:
     return Kind(term, "missing_term", (term,), 1, make, when, prior=prior, curve=CURVES[term])
 
 
-ANYWHEN, LASTING = (0.02, -1e9, 1e9), (0.02, 0.2, 20.0)   # step and range of an event's time and duration [s]
+ANYWHEN = (0.02, -1e9, 1e9)   # step and range of an event's time [s]
+LASTING = (0.02, 0.2, 20.0)   # the same of its duration [s]
 TONE = ("sine", "cosine", "frequency")
 CANDIDATE_KINDS = (
     Kind("control_loss", "control_loss", ("fraction", "time"), 1,

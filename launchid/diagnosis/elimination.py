@@ -38,7 +38,8 @@ AT_END = 0.01          # of an end of a shape's range, within which it stands at
 RIVAL_MARGIN = 0.02    # of what a cause saves, within which another in its place does as well
 SAME_EFFECT = ((("null_angle", "nozzle_bias"), "misalignment"),)   # two, of opposite signs, do what one does
 SAME_LAW = {"washout": "damping", "damping": "washout"}   # of a vehicle without stiffness, at the same value [1/s]
-ALIKE_Z, TWIN_Z = 1.0, 2.0   # standard errors within which one does as well, and one that correlates beyond TWIN
+ALIKE_Z = 1.0          # standard errors within which another number does as well
+TWIN_Z = 2.0           # the same of one that correlates beyond TWIN
 TWIN = 0.9             # correlation in the full fit
 RELATED_CORRELATION = 0.3  # correlation from which another is tried in its place
 

@@ -14,7 +14,9 @@ from ..likelihood.kernel import FIRST_ORDER_SERVO, NUMBERS, SECOND_ORDER_SERVO
 from .believed import Believed, believed, modes
 from .track import Track
 
-MODEL_FOLDS, FOLD_PASSES, SCORE_BLOCKS = 6, 3, 24   # of the score, times they go round, stretches for its error
+MODEL_FOLDS = 6        # of the score
+FOLD_PASSES = 3        # times that they go round the log
+SCORE_BLOCKS = 24      # stretches that tell the score's error
 GAP = 20.0             # times the first row's length: after a longer one the motion is unknown again
 LONG = 20.0            # s, of a log that shows what changes slowly
 SMOOTH_INPUT = 0.4     # second over first differences of a measured input, up to which its acceleration is known

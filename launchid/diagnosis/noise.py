@@ -12,7 +12,8 @@ from .known import KnownLog
 ARC_MINUTE = 2.9e-4    # rad of nozzle: no thrust is aligned better, so a moment that slow and small is nobody's fault
 MOMENT_TIME = 20.0     # s, the time of that moment: slow beside the vehicle, several times in a flight
 WIND_LEVEL = 0.005     # rad, rad/sqrt(s): of weather that nobody declared, where its fit begins
-WIND_SPREAD, WIND_CAP = 2.0, 40.0   # sigma of the logarithm of that level; times it, the largest
+WIND_SPREAD = 2.0      # sigma of the logarithm of that level
+WIND_CAP = 40.0        # times that level: the largest
 WEATHER = {"turbulence": LEVELS.index("turbulence"), "wind_walk": LEVELS.index("walk")}   # causes that are a level
 DISTURBANCE_TIME = 0.1  # s, of a stranger's motion that no model has: between its rows and the vehicle's time
 DISTURBANCE = 0.02     # of the acceleration, where the fit of its size begins; it moves at most half as much

@@ -22,7 +22,8 @@ DONE = 0.02            # nats that the next step would gain
 TRIALS = 5             # of a step, shorter and shorter
 MOST_STEPS = 25        # a fit that has not ended by then is compared as it is
 SCORE_BLOCK = 0.5      # s: of the scores that are summed before their correlation is asked for
-TINY, BEYOND_ANY = 1e-30, 1e30  # of a number that is sought
+TINY = 1e-30        # of a number that is sought: it is none
+BEYOND_ANY = 1e30   # of a number that is sought: no data tell it
 
 
 @dataclass(frozen=True, eq=False)

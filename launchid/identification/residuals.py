@@ -40,7 +40,8 @@ LAG_OF_WHITENESS = 2
 MIN_PARAMETER = 1e-3  # 1/s^2: a parameter of the profile below it has no shape to speak of
 RESIDUAL_LAGS = 10
 MIN_PREDICTIONS = 5  # predictions with a fit
-RESIDUAL_DRAWS, SEED = 4, 0  # of the noise: 20 predictions then tell its share to 8 %; the same numbers each time
+RESIDUAL_DRAWS = 4   # of the noise: 20 predictions then tell its share to 8 %
+SEED = 0             # of the draws, the same each time
 RIGID = {"theta", "beta"}
 
 

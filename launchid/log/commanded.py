@@ -22,7 +22,8 @@ from .rates import HELD_WORD, Rate
 Believed = TypeVar("Believed", bound=Nominal | None)
 
 UNSEEN = 0.1   # rad, one sigma of the sensor that tells nothing: as far as any nozzle goes
-FORGOTTEN, SLOWEST = 36.0, 1.0   # time constants of a servo, after which a double holds nothing of it; rad/s, of one
+FORGOTTEN = 36.0   # time constants of a servo, after which a double holds nothing of it
+SLOWEST = 1.0      # rad/s, of a servo
 
 
 def is_of_commands(log: Log) -> bool:

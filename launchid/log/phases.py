@@ -38,7 +38,8 @@ from .fault import Fault
 from .log import Log
 
 HOP = 0.04           # s, of one change of the rate: short beside any motion, long beside a sample
-LAG, LAGS = 0.03, 4  # s, of beta: 0 to 0.09 s late
+LAG = 0.03           # s, from one delay of beta that is tried to the next
+LAGS = 4             # delays that are tried: 0 to 0.09 s
 BLOCKS = (25, 50, 100)   # hops, over which what beta explains is summed over a log
 FOUND = 24.0         # nats, that beta explains of the reference at least: the best stretch of a log has 20 by chance
 SHORTEST = 20        # hops of a stretch: five times the numbers that are fitted in it
@@ -55,7 +56,8 @@ MEANS_OVERLAP = 2.0 - math.sqrt(3.0)   # of a walk's last step in the next chang
 MOST_HOPS = 400      # of a stretch, next to the reference, that tell whether beta acts there: 16 s
 DIFFUSE = 1e3        # of a regressor's scale, one sigma of a coefficient that nothing is known of
 MOST_SHARED = 0.4999  # the same of white noise alone: a half
-OTHER_TIMES, PLACEBO = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85), 0.45  # of the log; of what beta saves, in nats
+OTHER_TIMES = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # of the log: shifts of beta that must explain less
+PLACEBO = 0.45       # of the nats that beta saves: a shifted beta saves less
 SAME_TRIM, SAME_SLOPE, SAME_DAMPING = 0.5, 0.1, 0.05  # of what beta does in the reference, one sigma of what the
 #                      constant, theta and the rate do otherwise elsewhere
 THIRD = 20.0         # variances of white noise that its third difference has

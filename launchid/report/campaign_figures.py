@@ -11,7 +11,9 @@ from ..monte_carlo.requirement.folder import Flights
 from ..monte_carlo.requirement.grammar import Requirement
 from ..monte_carlo.requirement.sequential import Planned, Sequential
 
-HEADROOM, TITLE, PANEL = 0.8, 0.2, 2.4  # inches: above the panels, of it above the title, a panel
+HEADROOM = 0.8  # inches above the panels
+TITLE = 0.2     # inches of it above the title
+PANEL = 2.4     # inches, height of a panel
 LOOKS = 60      # at a sequential test, evenly in log n
 LEGEND = {"fontsize": 7, "loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "frameon": False, "ncol": 4}
 

@@ -18,7 +18,8 @@ from matplotlib.text import Annotation
 PIXELS = 88          # an inch: the width of a report over that of its figures
 AROUND = 64          # px of a panel for title, axis and legend
 MOST_POINTS = 20_000  # points of a curve: of more the lowest and highest of each group are kept
-X_DIGITS, Y_DIGITS = 12, 5   # stamps may be since 1970; a picture shows no sixth digit
+X_DIGITS = 12        # stamps may be since 1970
+Y_DIGITS = 5         # a picture shows no sixth digit
 DASHES: dict[str, list[int]] = {"-": [], "--": [6, 4], ":": [2, 3], "-.": [8, 3, 2, 3]}
 
 Json = dict[str, Any]

@@ -31,8 +31,10 @@ PHASE_STEP = 0.3       # rad a linear step may turn the delay, the hold and the 
 NEAR_PEAK = np.geomspace(1e-4, 0.05, 24)  # relative distances of the grid from a mode's frequency
 LAG_PERIODS = 3.0      # periods of lag beside the delay
 SECANTS = 10           # of a bracket 5 % wide, where L is all but straight: to rounding
-ZOOMS, ZOOM_POINTS = 6, 17   # of the modulus margin's minimum
-BOX_POINTS, BOX_ZOOMS = 5, 2  # of the worst case over a box
+ZOOMS = 6              # of the modulus margin's minimum
+ZOOM_POINTS = 17       # a zoom
+BOX_POINTS = 5         # to a side, of the worst case over a box
+BOX_ZOOMS = 2          # of it
 
 
 class Margins(NamedTuple):

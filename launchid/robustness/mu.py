@@ -36,10 +36,14 @@ from .lft import Lft, lft_at, loop_gain, sample, spectral_radius
 BOUNDS_GAP = 2e-3           # relative gap of the bounds
 SPLITTINGS = 30             # of splitting; what is left then widens the bounds
 # of half the sampling rate; Im F/sin is even about both ends, nothing hides there
-LOWEST, HIGHEST_MU = 1e-5, 1.0 - 1e-6
-LOG_CELLS, A6_CELLS = 60, 8
-MU_PHASE_STEP, LAGS = 0.6, 3.0  # rad a cell may turn; periods of lag beside the delay
-MU_SECTIONS, POWER_ROUNDS = 16, 10  # of a bracket in omega: 1e-12 of it is left
+LOWEST_OMEGA = 1e-5
+HIGHEST_OMEGA = 1.0 - 1e-6
+LOG_CELLS = 60         # of frequency
+A6_CELLS = 8           # of a6
+MU_PHASE_STEP = 0.6    # rad that a cell may turn
+LAG_PERIODS = 3.0      # periods of lag beside the delay
+MU_SECTIONS = 16       # of a bracket in omega, in
+POWER_ROUNDS = 10      # rounds: 1e-12 of it is left
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +170,9 @@ def _search(box: Box, best: Found) -> tuple[Found, float]:
 def _first_cells(box: Box, r: float) -> tuple[Cells, np.ndarray]:
     """Return cells over |p| <= r and all frequencies, and q (m, 3, 3) at their points (evaluated once where shared)."""
     top = math.pi / box.lft.period
-    turns = math.ceil(math.pi * (box.lft.delay / box.lft.period + LAGS) / MU_PHASE_STEP)
-    edges = np.union1d(np.geomspace(LOWEST, HIGHEST_MU, LOG_CELLS + 1),
-                       np.linspace(0.0, HIGHEST_MU, turns + 1)[1:]) * top
+    turns = math.ceil(math.pi * (box.lft.delay / box.lft.period + LAG_PERIODS) / MU_PHASE_STEP)
+    edges = np.union1d(np.geomspace(LOWEST_OMEGA, HIGHEST_OMEGA, LOG_CELLS + 1),
+                       np.linspace(0.0, HIGHEST_OMEGA, turns + 1)[1:]) * top
     omega = np.sort(np.concatenate([edges, 0.5 * (edges[1:] + edges[:-1])]))
     p = np.linspace(-r, r, 2 * A6_CELLS + 1)
     q = _needed(box, p, np.append(omega, top))

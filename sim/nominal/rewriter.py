@@ -18,7 +18,8 @@ from .reader import parsed, text_of
 from .writer import Content, content_of, is_section, key_of, lines_of, literal
 
 ANEW = "# written anew: the comments of the file that it came from could not be kept"
-LINE, KEY_PART = re.compile(r"[^\n]*\n|[^\n]+"), re.compile(r"[^=]*=\s*")  # a line with its end; a key up to its value
+LINE = re.compile(r"[^\n]*\n|[^\n]+")   # with its end
+KEY_PART = re.compile(r"[^=]*=\s*")     # a key up to its value
 QUOTES = ('"', "'")
 
 Place = tuple[str, ...]
