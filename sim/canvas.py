@@ -1,5 +1,6 @@
 """Make and save the figures: panels over one abscissa, files written whole and with the same bytes each time."""
 
+import io
 import sys
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,13 @@ def save(figure: Figure, path: str | Path) -> None:
     pyplot = sys.modules.get("matplotlib.pyplot")
     if pyplot is not None:  # which keeps the figures that it made
         pyplot.close(figure)
+
+
+def png_of(figure: Figure, dpi: int = DPI) -> bytes:
+    """Return the figure as PNG, the same bytes each time."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=dpi, bbox_inches="tight", format="png", metadata=METADATA[".png"])
+    return buffer.getvalue()
 
 
 def panels(rows: int, title: str, height: float = 2.0) -> tuple[Figure, list[Any]]:

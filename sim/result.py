@@ -1,7 +1,6 @@
 """Base class of results, logs and nominals: summary text, table, figure, and their page in a notebook."""
 
 import functools
-import io
 import math
 import sys
 from collections.abc import Callable
@@ -86,9 +85,8 @@ def drawn(make: Callable[[], "Figure"], path: str | Path | None) -> "Figure":
 
 
 def _png(figure: "Figure") -> bytes:
-    buffer = io.BytesIO()
-    figure.canvas.print_figure(buffer, format="png", dpi=PAGE_DPI, bbox_inches="tight", metadata={"Software": None})
-    return buffer.getvalue()
+    from .canvas import png_of
+    return png_of(figure, PAGE_DPI)
 
 
 def _html_table(columns: dict[str, list[Any]]) -> str:

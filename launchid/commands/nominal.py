@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -14,7 +13,7 @@ from sim.files import write_text
 from ..cli.common import check_outputs, read_noting, reading
 from ..cli.options import LOG_HELP, add_command, add_logs, add_map, add_outputs, logs_of
 from ..cli.terminal import answer
-from ..report.answer import Answer, flat
+from ..report.answer import Answer, flat, json_text
 
 if TYPE_CHECKING:
     from sim.nominal import Nominal
@@ -48,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
     result = determined(logs)
     report = result.report | result.words(args.out)
     if args.json:
-        text = json.dumps(report, indent=1)
+        text = json_text(report)
         if args.json == "-":
             answer(text)
         else:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from ..formatting import with_std
 from ..likelihood.estimate import Fit, evaluate, gauss_newton, gram, refreshed
 from ..likelihood.likelihood import LEVELS
 from ..sums import along, square
@@ -107,7 +108,7 @@ def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
     out = []
     base, error = compare(m, el.e_final, el.e_full, el.unit)
     if base > TWIN_Z * error and base > MIN_SQUARES_SAVED:
-        out.append(f"left-out blocks: worse than the full model by {0.5 * base:.0f} +- {0.5 * error:.0f} nats")
+        out.append(f"left-out blocks: worse than the full model by {with_std(0.5 * base, 0.5 * error)} nats")
     if gain.floor < AHEAD:
         out.append(f"the full model's error ahead is {gain.floor:.2f} of what these numbers leave")
     for ch, name in enumerate(("theta", "theta_dot")):

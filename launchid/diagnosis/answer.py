@@ -9,7 +9,7 @@ from sim.effects.table import CENTRE
 from sim.nominal import Nominal
 from sim.sections import MOST_MODES, Actuator, Bending, Slosh, constant
 
-from ..formatting import json_number
+from ..formatting import json_number, with_std
 from .elimination import MIN_SQUARES_SAVED, Z
 from .gain import Gain
 from .verdict import Named, Result
@@ -217,12 +217,12 @@ def sizes(each: Named) -> str:
     words, given = [], each.values
     for key, (value, std) in each.parameters.items():
         if key == "coefficient" and "believed" in given:
-            words.append(f"{value + given['believed']:.4g}" + (f" +- {std:.2g}" if std else ""))
+            words.append(with_std(value + given["believed"], std))
         elif key == "believed":
             words.append(f"for {value:.4g}")
         elif isinstance(value, str):
             words.append(f"{key} {value}")
         else:
             unit = unit_of(each.cause, key)
-            words.append(f"{key} {value:.4g}" + (f" +- {std:.2g}" if std else "") + (f" {unit}" if unit else ""))
+            words.append(f"{key} {with_std(value, std)}" + (f" {unit}" if unit else ""))
     return ", ".join(words)

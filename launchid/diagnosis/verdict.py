@@ -13,6 +13,7 @@ from sim.flight import fly_whole
 from sim.nominal import Nominal
 
 from ..controller.check import ControllerCheck
+from ..formatting import with_std
 from ..likelihood.estimate import fit_levels, level_deviation
 from ..log.log import Log, flown_log
 from ..log.vehicle import plant_faults
@@ -235,9 +236,9 @@ def noted(m: Model, el: Elimination) -> list[str]:
         if abs(value - m.table.null[j]) > max(3.0 * std, m.table.tol[j]):
             name = m.table.numbers[j].name
             if name in FORM:
-                out.append(f"the input's lateness has a form: {name} {value:.4g} +- {std:.2g} (no cause)")
+                out.append(f"the input's lateness has a form: {name} {with_std(value, std)} (no cause)")
                 continue
-            out.append(f"columns: {name} {value:.4g} +- {std:.2g} (theta_dot against theta; no cause)")
+            out.append(f"columns: {name} {with_std(value, std)} (theta_dot against theta; no cause)")
     return out
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from sim.errors import InputError
 
 from ..chi_square import quantile
+from ..formatting import with_std
 from ..judge.lack import Lack
 from ..judge.question import question
 from ..judge.window import WRONG, against
@@ -271,7 +272,7 @@ def reasons(numbers: First, result: Found, driver: str) -> list[str]:
                 "which it moves"]
     said = []
     if not np.any(np.abs(numbers.k1) > K1_SIGMAS * numbers.k1_std):
-        said.append(f"k1 cannot be determined: {numbers.k1.mean():.3g} +- {numbers.k1_std.mean():.2g} 1/s^2 may be 0; "
+        said.append(f"k1 cannot be determined: {with_std(numbers.k1.mean(), numbers.k1_std.mean())} 1/s^2 may be 0; "
                     f"log a stretch in which {driver} moves more")
     return said + (lacking(numbers, result, driver) or impossible(numbers, driver)) + unseparated(numbers, result)
 
@@ -280,15 +281,15 @@ def impossible(numbers: First, driver: str) -> list[str]:
     """Return sentences on numbers that no vehicle has, beyond WRONG std: delay below 0, damping that drives."""
     said = []
     if numbers.delay is not None and numbers.delay[0] < -WRONG * math.hypot(numbers.delay[1], TIMING):
-        said.append(f"{driver} follows the motion by {-1e3 * numbers.delay[0]:.0f} +- {1e3 * numbers.delay[1]:.1g} ms: "
-                    "it is no input of it, or its stamps are late")
+        said.append(f"{driver} follows the motion by {with_std(-1e3 * numbers.delay[0], 1e3 * numbers.delay[1])} "
+                    "ms: it is no input of it, or its stamps are late")
     value, std = numbers.terms.get("theta_dot", (0.0, 0.0))
     return [*said, driving(value, std, driver)] if value > WRONG * std else said
 
 
 def driving(value: float, std: float, driver: str) -> str:
     """Return the sentence on a rate damping [1/s] of the wrong sign (above 0)."""
-    return (f"the rate damping comes out {value:.3g} +- {std:.2g} 1/s: of the wrong sign, no body's motion drives "
+    return (f"the rate damping comes out {with_std(value, std)} 1/s: of the wrong sign, no body's motion drives "
             f"itself; {driver} is filtered or late, or theta and theta_dot are, or little but {driver} moves them")
 
 
@@ -361,6 +362,6 @@ def unseparated(numbers: First, result: Found) -> list[str]:
     theta, beta = (float(np.std(phi[:, k] - phi[:, 0] * (phi[:, k].sum() / phi[:, 0].sum()))) for k in (1, 2))
     worth = float(np.median(numbers.a6_std)) * theta
     if worth > WORTH * max(float(np.median(np.abs(numbers.k1))) * beta, float(np.median(np.abs(numbers.a6))) * theta):
-        return [f"a6 cannot be determined: {numbers.a6.mean():.3g} +- {numbers.a6_std.mean():.2g} 1/s^2; log a stretch "
+        return [f"a6 cannot be determined: {with_std(numbers.a6.mean(), numbers.a6_std.mean())} 1/s^2; log a stretch "
                 "in which theta moves more"]
     return []

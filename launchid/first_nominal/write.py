@@ -10,7 +10,17 @@ import numpy as np
 
 from sim.effects import Effect, effect
 from sim.files import write_text
-from sim.nominal import Actuator, Controller, Nominal, Profile, Sensors, Simulation, Wind, constant_profile, nominal_lines
+from sim.nominal import (
+    Actuator,
+    Controller,
+    Nominal,
+    Profile,
+    Sensors,
+    Simulation,
+    Wind,
+    constant_profile,
+    nominal_lines,
+)
 
 from ..formatting import known, saying_what_plus_minus_is, with_std
 from .answer import First, Number

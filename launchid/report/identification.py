@@ -204,7 +204,7 @@ def lack_words(lack: Lack, library: str) -> str:
         return f"beta never moves: k1 cannot be determined; for the rest identify with --library {library}"
     assert lack.size is not None
     if lack.what == "driving":
-        return (f"the rate damping comes out {lack.size:.3g} +- {lack.std:.2g} 1/s, of the wrong sign: beta is "
+        return (f"the rate damping comes out {with_std(lack.size, lack.std)} 1/s, of the wrong sign: beta is "
                 "filtered or late, or it answers the motion and little else moves it; log a stretch with a test input")
     if lack.what == "unexplained":
         return (f"what the terms leave is {lack.after:.3g} times its noise about {lack.size:.3g} rad/s: something of "

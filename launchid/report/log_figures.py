@@ -1,7 +1,6 @@
 """Draw logs before anything is computed: their columns over each other, and where the data check finds faults; as a
 picture, or a page that zooms."""
 
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.canvas import DPI
+from sim.canvas import png_of
 from sim.errors import InputError
 from sim.files import write_text
 from sim.sections import Nominal
@@ -83,10 +82,8 @@ CAPTION = "Each log has its colour and dash. Crosses: values that the data check
 
 def write_page(logs: Sequence[Looked], figure: Figure, path: str) -> None:
     """Write the figure of logs, with the data check's findings, as one HTML page that needs no network."""
-    png = io.BytesIO()
-    figure.savefig(png, dpi=DPI, bbox_inches="tight", format="png", metadata={"Software": None})
     said = [text(line) for each in logs for line in each.lines]
     first = "".join(f"<p>{text(each.log.summary())}</p>" for each in logs) \
         + (f"<p>{list_of(said)}</p>" if said else "<p>The data check finds nothing.</p>")
     write_text(path, [page(str(figure.get_suptitle()), "launchid show: logs as they are", COLOUR, first, [
-        ("Figures", picture("columns", "Columns over time", CAPTION, png.getvalue(), figure_json(figure)))])])
+        ("Figures", picture("columns", "Columns over time", CAPTION, png_of(figure), figure_json(figure)))])])

@@ -1,6 +1,5 @@
 """`launchid reproduce`: fly the experiments, judge the paper's claims, write tables and figures into one folder."""
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,6 +29,7 @@ from ..experiments.flights import (
 from ..formatting import json_number
 from ..monte_carlo.campaign import run_jobs
 from ..progress import Counter
+from .answer import json_text
 
 BOUND_SEEDS = 3  # the bound varies by a percent between flights
 
@@ -225,7 +225,7 @@ def write_tables(folder: Path, head: list[str], scores: dict[str, list[dict[str,
     if bands:
         text += ["", *confidence_lines(bands)]
     write_text(folder / "table.md", [line + "\n" for line in text])
-    write_text(folder / "results.json", [json.dumps(scores, indent=1), "\n"])
+    write_text(folder / "results.json", [json_text(scores), "\n"])
     return text
 
 

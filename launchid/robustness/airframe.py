@@ -22,6 +22,7 @@ from sim.effects import effect as made_effect
 from sim.effects import values
 from sim.nominal import Nominal
 
+from ..formatting import with_std
 from ..log.log import Log
 from .loops import Mode
 
@@ -95,7 +96,7 @@ class Damping:
         """One sentence where it matters, else none."""
         value, std = self.used
         if self.is_another:
-            return [f"the airframe's damping is {value:.3g} +- {std:.2g} 1/s, the nominal has {self.believed:.3g}: a6, "
+            return [f"the airframe's damping is {with_std(value, std)} 1/s, the nominal has {self.believed:.3g}: a6, "
                     "k1 and the loop are with the log's"]
         if not self.is_told:
             return [f"the airframe's damping is the nominal's to {std:.2g} 1/s, which is in the intervals (the log "
