@@ -69,7 +69,7 @@ def mode_lines(windows: list[dict[str, dict[str, float | None]]]) -> list[str]:
 
 
 def saying_what_plus_minus_is(lines: list[str]) -> list[str]:
-    """Return the lines; to the first with a `+-` is added that this is one standard deviation."""
+    """Return the lines; the first that holds a `+-` also says that it is one standard deviation."""
     first = next((k for k, line in enumerate(lines) if " +- " in line), None)
     if first is None:
         return lines

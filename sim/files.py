@@ -106,7 +106,8 @@ def _check_place(path: str | Path) -> None:
 
 @contextlib.contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """Context with a temporary path, whose file becomes the output `path` when the block ends well, else is removed."""
+    """Give a temporary path in this context; its file becomes the output `path` when the block ends well, else it is
+    removed."""
     path = as_path(path)
     status = check_output(path)
     try:

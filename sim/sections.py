@@ -238,7 +238,7 @@ def tustin(period: float, frequency: float, numerator: tuple[float, float, float
     c = math.tan(0.5 * frequency * period)
 
     def quadratic(m: float, zeta: float, n: float) -> tuple[float, float, float]:
-        """c^2/w^2 (m s^2 + 2 zeta w s + n w^2) (z + 1)^2, powers of z falling."""
+        """Return the coefficients of c^2/w^2 (m s^2 + 2 zeta w s + n w^2) (z + 1)^2, powers of z falling."""
         return m + 2.0 * zeta * c + n * c * c, 2.0 * (n * c * c - m), m - 2.0 * zeta * c + n * c * c
 
     a0, a1, a2 = quadratic(*denominator)

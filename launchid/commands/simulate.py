@@ -124,7 +124,7 @@ class Flown(Answer):
 
     @functools.cached_property
     def log(self) -> Log:
-        """The flight's log, equal to what `read_log` reads from the file of `write`."""
+        """Return the flight as the log that `read_log` would read from the written file."""
         from ..log.log import flown_log
         return flown_log(self.flight)
 

@@ -101,7 +101,7 @@ class FittedLaw:
     is_likely: bool = False
 
     def laws(self, numbers: np.ndarray) -> Law:
-        """Return the laws of rows of numbers (m, k)."""
+        """Return the laws of m controllers whose numbers are the rows of `numbers` (m, k)."""
         return law_of_numbers(numbers, self.order, self.of, self.law.period)
 
     @property

@@ -70,8 +70,8 @@ def command_noise(record: Record) -> float:
 
 
 def falls_between(record: Record, command: np.ndarray) -> bool:
-    """Whether the controller answered other attitudes than the rows': no linear law of some rows gives the
-    commands (n,) [rad] (NaN: not logged) of the next one but for what noise makes of a command."""
+    """Whether the controller answered attitudes between the rows: no linear law of neighbouring rows reproduces the
+    commands (n,) [rad] (NaN: not logged) to within the noise of a command."""
     if record.nominal.controller is None or noise_std(record) == 0.0 or not np.isfinite(command).any():
         return False
     first, stride = record.held_phase, record.held

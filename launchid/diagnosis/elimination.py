@@ -270,7 +270,7 @@ class Search:
         return fit, live, best, e_end
 
     def by_one(self, fit: Fit, live: list[Group], e_end: np.ndarray) -> tuple[Fit, list[Group], np.ndarray]:
-        """Put one number in the place of two whose effects together it has, where rows left out are not worse; return
+        """Replace two numbers by one that has the effect of both, where the errors on rows left out do not grow; return
         fit, groups left, left-out errors."""
         named = {g.name: g for g in self.groups}
         for pair, one in SAME_EFFECT:
@@ -287,8 +287,9 @@ class Search:
 
     def judged(self, fit: Fit, live: list[Group], e_nominal: np.ndarray, best: np.ndarray,
                e_end: np.ndarray) -> tuple[tuple[Kept, ...], Fit, np.ndarray, list[Group], list[Group]]:
-        """Judge what each group left saves when taken away last; a better rival replaces it.  Return groups kept, fit,
-        left-out errors, groups left, idle ones (at an end of their range, or hardly off the nominal)."""
+        """Judge what each group left saves when it is taken away last, and let a better rival replace it.  Return
+        groups kept, fit, left-out errors, groups left, idle ones (at an end of their range, or hardly off the
+        nominal)."""
         m = self.m
         for turn in range(3):
             kept, swap = [], None

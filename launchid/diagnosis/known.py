@@ -237,7 +237,7 @@ class KnownLog:
 
     @property
     def has_stiffness(self) -> bool:
-        """Whether the nominal turns back, or on, with its angle."""
+        """Whether the nominal has a moment that depends on the angle: a6 or a term in theta."""
         return self.is_unstable or any(term.startswith(("theta^", "sin(", "cos(")) or term == "theta"
                                        for term in self.terms)
 

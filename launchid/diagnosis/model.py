@@ -26,7 +26,7 @@ class Stopped(Exception):
 
 
 class Path(NamedTuple):
-    """The filtered motion, of which forced columns and the nominal's own forcing are made.
+    """The filtered motion along the log, about which the effects of small forces are computed.
 
     motion (n, 3) attitude, rate, nozzle;  nozzle (n steps,) at the beginning of every step of the filter, for a mode
     may swing faster than rows show;  nozzle_rate (n,) over each row as predicted at its beginning: what is measured at

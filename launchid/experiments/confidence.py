@@ -52,7 +52,8 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Bought:
-    """Worst margins and upper bounds of mu (n,) at times t (n,) [s]: over the full box and the identified one."""
+    """What identification gains: worst margins and upper bounds of mu (n,) at times t (n,) [s], over the full range
+    before it and over the identified part of the range after it."""
 
     t: np.ndarray
     before: Margins

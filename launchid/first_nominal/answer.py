@@ -230,7 +230,8 @@ def noise(fitted: Fitted, c: Channels) -> dict[str, Number]:
 
 
 def unseen(fitted: Fitted, c: Channels, key: str) -> float:
-    """Return the noise level `key` (a variance or a density) at which ln L falls by 0.5: less does not show."""
+    """Return the noise level `key` (a variance or a density) at which ln L falls by 0.5: the log cannot show a smaller
+    one."""
     model, level = fitted.model, fitted.model.numbers[key]
     for _ in range(100):
         level *= 2.0

@@ -262,7 +262,8 @@ def grown(now: Fitted, c: Channels) -> Fitted:
 
 
 def hope(model: Model, c: Channels) -> float:
-    """Return the penalised ln L expected after one scoring step: exact where the model is linear in what was added."""
+    """Return the penalised ln L to expect of a model after one scoring step from the given numbers, without fitting it;
+    exact where the model is linear in what was added."""
     none = replace(model, free=())
     base = run(none, c)
     score, information = scores(none, c, base)

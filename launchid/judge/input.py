@@ -117,7 +117,8 @@ def clocked(pieces: list[Piece], at: np.ndarray, lead: Lead, rows: Rows) -> Lead
 
 
 def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead | None) -> bool:
-    """Whether beta of another time explains the motion about as well as beta, shifted to when it acts, does.
+    """Whether beta taken from another time of the log explains the motion about as well as beta at the time at which it
+    acts.
 
     Each has the noise that is most likely with it: what a beta that acts does not explain is white, what another one
     does not explain wanders. An input that repeats explains as much a period later, and is left out.

@@ -39,7 +39,8 @@ class WindowFit:
 
 
 def moved_by(rows: Rows, terms: tuple[str, ...], fit: Fit, lack: Lack, m: Modes) -> np.ndarray:
-    """Return by how much the coefficients (q,) of a window would move if its terms had what they lack."""
+    """Return by how much the coefficients (q,) of a window would change if what its terms miss (`lack`: a further term,
+    or a delay of beta) were in the regression."""
     w, size = 1.0 / np.sqrt(fit.variance), lack.size or 0.0
     phi = m.phi * w[:, None]
     if lack.what == "delay":
@@ -50,9 +51,9 @@ def moved_by(rows: Rows, terms: tuple[str, ...], fit: Fit, lack: Lack, m: Modes)
 
 def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray, fit: Fit, m: Modes,
             lacks: list[Lack]) -> list[Lack]:
-    """Return those of `lacks` for which a window with coefficients xi (q,) +- std (q,) is refused: with a placebo all,
-    a clock, what halves the error of held-out rows, and what would move a coefficient by more than its std and more
-    than RELATIVE_TOLERANCE of itself and of the largest term."""
+    """Return those of `lacks` because of which a window with coefficients xi (q,) +- std (q,) is refused: all of them
+    if one is a placebo; a clock; what halves the error of held-out rows; what would change a coefficient by more than
+    its std and more than RELATIVE_TOLERANCE of itself and of the largest term."""
     sizes = np.sqrt(np.sum(m.phi**2, axis=0))
     largest = RELATIVE_TOLERANCE * float(np.max(np.abs(xi) * sizes, initial=0.0))
     if any(lack.what == "placebo" for lack in lacks):

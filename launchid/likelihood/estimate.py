@@ -144,7 +144,8 @@ def evaluate_held(m: Model, base: Run, p: np.ndarray) -> np.ndarray:
 
 
 def refreshed(m: Model, fit: Fit) -> Fit:
-    """Return a fit as `m` sees it, which is not the model that it was made with: run and innovations anew."""
+    """Return the fit with run and innovations computed anew for model `m`, which may differ from the one it was made
+    with."""
     at = evaluate(m, fit.p)
     return fit._replace(run=at.run, e=at.e)
 

@@ -89,7 +89,7 @@ class LiveNozzle:
         self._memory = servo.delay + FORGOTTEN / max(slowest, SLOWEST)
 
     def add(self, log: Log) -> Log:
-        """Return further rows with their nozzle."""
+        """Return further rows, with the nozzle predicted from their commands."""
         whole = log if self._before is None else rows_of(self._before, log)
         known = whole.t[np.isfinite(whole.t)]
         beta = whole.beta_cmd if len(known) < 2 else predicted(whole, self._nominal)

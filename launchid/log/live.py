@@ -71,7 +71,7 @@ def part(log: Log, begin: int, end: int) -> Log:
 
 
 def rows_of(*logs: Log) -> Log:
-    """Return one log of the rows of several with the same columns, one after the other."""
+    """Return one log with the rows of several logs of the same columns, one after the other."""
     arrays: dict[str, Any] = {name: np.concatenate([getattr(log, name) for log in logs])
                               for name, x in vars(logs[0]).items() if isinstance(x, np.ndarray)}
     return dataclasses.replace(logs[0], **arrays)

@@ -352,7 +352,8 @@ class _Share:
     width: tuple[float, ...]
 
     def doubt(self, least: float) -> float:
-        """Nats for no effect over one of at least `least`; of one stretch at most as many as decide."""
+        """Return the evidence [nats] that no effect acts over one stretch of at least `least`; of one stretch at most
+        as many as decide."""
         if not (math.isfinite(self.std) and self.moved > LEAST_MOVED):
             return 0.0
         of_none, of_least = self.size / self.std, max(least * self.moved - self.size, 0.0) / self.std

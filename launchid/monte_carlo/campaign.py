@@ -64,8 +64,8 @@ class Died(str):
 
 
 class Job(NamedTuple):
-    """One flight: nominal, scenario, seed, a6 = a6_0 (1 + sigma delta_a6), k1 alike.  Any NamedTuple of plain values
-    may be a job."""
+    """One flight to fly: nominal, scenario, seed, and the deviations by which a6 = a6_0 (1 + sigma delta_a6) and k1 =
+    k1_0 (1 + sigma delta_k1).  Any NamedTuple of plain values may be a job."""
 
     nominal: str
     scenario: str

@@ -93,7 +93,7 @@ class Damping:
 
     @property
     def words(self) -> list[str]:
-        """One sentence where it matters, else none."""
+        """Return one sentence on the damping, [] where it does not matter."""
         value, std = self.used
         if self.is_another:
             return [f"the airframe's damping is {with_std(value, std)} 1/s, the nominal has {self.believed:.3g}: a6, "
@@ -135,7 +135,7 @@ def pooled_damping(estimates: Sequence[Estimate], covariances: Sequence[np.ndarr
 
 
 def with_damping(nominal: Nominal, told: Damping) -> tuple[Nominal, Damping]:
-    """Return the nominal with the damping that the log tells, and the damping beside the nominal's."""
+    """Return the nominal with the damping that the log shows, and what is said of it beside the nominal's own."""
     told = replace(told, believed=airframe_of(nominal).damping)
     if not told.is_told:
         return nominal, told

@@ -361,7 +361,8 @@ def _model(data: Data, draft: Draft, prior: np.ndarray, weight: np.ndarray, leve
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A law as the likelihood finds it, with the plant (6,) behind it and its covariance (6, 6); noise levels (7,)."""
+    """A controller's law as the likelihood of the closed loop finds it, with the plant's numbers (6,), their covariance
+    (6, 6), and the noise levels (7,)."""
 
     law: FittedLaw
     plant: np.ndarray

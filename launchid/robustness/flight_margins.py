@@ -84,8 +84,8 @@ def servo_at(declared: Servo, e: Estimate) -> Servo:
 
 
 def last_servo(servos: Sequence[Servo], declared: Servo) -> Servo:
-    """Servo of the last window whose estimate is finite (the model was not contradicted); `declared` if there is
-    none."""
+    """Return the servo of the last window whose estimate is finite (the model was not contradicted); `declared` if
+    there is none."""
     return next((servo for servo in reversed(servos) if np.isfinite(servo.mean).all()), declared)
 
 

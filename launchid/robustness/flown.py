@@ -196,8 +196,8 @@ def of_nominal(nominal: Nominal) -> Judged:
 
 def loop_that_flew(log: Log, nominal: Nominal, estimates: Sequence[Estimate], servos: Sequence[Servo],
                    asked: Choice | None = None, damping: Damping | None = None) -> Flown:
-    """Return the controller and the refusals of each window (estimate); servos: what is known of the servo in each;
-    damping: of the airframe."""
+    """Return the controller of each window (estimate), and why windows are refused; servos: what is known of the servo
+    in each window; damping: of the airframe."""
     asked = Choice() if asked is None else asked
     flown = Flown([None] * len(estimates))
     if asked.source == GIVEN:
@@ -327,8 +327,8 @@ def fitted_laws(flown: Flown, log: Log, nominal: Nominal | None, estimates: Sequ
 def likely_laws(flown: Flown, log: Log, nominal: Nominal | None, estimates: Sequence[Estimate],
                 servos: Sequence[Servo], windows: Sequence[int], damping: Damping | None,
                 contradicted: str = "") -> str:
-    """Give windows the law by the likelihood of the closed loop, of a log whose columns are not what the controller
-    saw, or whose rows are slower; return why there is none, or ""."""
+    """Give windows the law that the closed loop's likelihood finds, of a log whose columns are not what the controller
+    saw, or whose rows are slower than it; return why there is none, or ""."""
     ticks, own = answered(log, nominal), None if nominal is None else nominal.controller
     if isinstance(ticks, str):
         return ticks

@@ -109,7 +109,7 @@ def value_at(profile: Profile, t: float, what: str) -> tuple[float, float]:
 
 
 def lft_at(nominal: Nominal, t: float, kp: float | None = None, kd: float | None = None) -> Lft:
-    """Return M of a nominal's closed loop, frozen at time t [s].
+    """Return the linear fractional transformation M of a nominal's closed loop, frozen at time t [s].
 
     kp, kd [s]   instead of the nominal's gains
     Raises InputError: a section missing, sigma not above 0, a time the profile does not cover.
@@ -231,7 +231,8 @@ def sample(lft: Lft, delta: np.ndarray) -> Sampled:
 
 
 def close(loop: Sampled) -> np.ndarray:
-    """Return the closed loop's state matrix (..., n, n): an eigenvalue 0 for each state that the tick overwrites."""
+    """Return the closed loop's state matrix (..., n, n) over a period, A + B C of the sampled loop and its controller;
+    states that the controller sets anew at each tick give eigenvalues of 0."""
     return loop.a + loop.b[..., :, None] * loop.command
 
 

@@ -131,7 +131,8 @@ def mu_over_time(nominal: Nominal, times: np.ndarray, centre: np.ndarray | tuple
 
 
 def _static(box: Box) -> Found:
-    """Nearest point of the line a6 + kp k1 = 0 (z = 1): |s|/(|ds/dp| + |ds/dq|), at a corner of the grown box."""
+    """Return how far the range may grow until a corner of it meets the line a6 + kp k1 = 0, where the loop has a pole
+    at z = 1: |s|/(|ds/dp| + |ds/dq|)."""
     a6, k1 = box.lft.parameters(box.centre)
     s = a6 + box.lft.kp * k1
     slope = box.lft.sigma * box.radius * np.array([box.lft.a6, box.lft.kp * box.lft.k1])

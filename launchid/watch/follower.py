@@ -128,7 +128,8 @@ class Follower:
         return self._nozzle.add(log)
 
     def end(self) -> None:
-        """Feed all rows that still wait, as no more come; InputError if they are too few to tell a period."""
+        """Take all rows that still wait for their period to be known, as no more rows come; InputError if they are too
+        few to tell a period."""
         if self.estimator is None:
             try:
                 self._begin(self._rate.of_few())

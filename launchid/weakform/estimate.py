@@ -97,8 +97,9 @@ def changes_of(whole: Whole) -> tuple[dict[str, float], dict[str, float]]:
 
 
 def drift(bent: Fit, fit: Fit, terms: tuple[str, ...], rate: dict[str, float]) -> np.ndarray:
-    """Return the covariance (q, q) that drifts of a6 and k1 add to a window's coefficients: drifts at the log's `rate`
-    [1/s], and what lines in time move them by in this window beyond chance (Hausman 1978).
+    """Return the covariance (q, q) that drifts of a6 and k1 within a window add to that of its coefficients: of drifts
+    at the `rate` [1/s] that the log shows, and of what lines in time change the coefficients by beyond chance (Hausman
+    1978).
 
     bent   the fit of the window with lines in time of a6 and k1
     """

@@ -47,7 +47,8 @@ def lagging(rows: Rows, lag: float) -> np.ndarray:
 
 
 def without_beginnings(rows: Rows, length: float) -> Rows:
-    """Return the rows less the first `length` [s] of each stretch, where beta of before, not logged, still acts."""
+    """Return the rows without the first `length` [s] of each stretch: there a delayed beta would come from before the
+    stretch, where nothing is logged."""
     known = rows.t >= np.repeat(rows.t[rows.bounds[:-1]], np.diff(rows.bounds)) + length
     kept = np.add.reduceat(known, rows.bounds[:-1])
     arrays = {name: getattr(rows, name)[known] for name in ("t", "theta", "gamma", "theta_dot", "beta", "fast")}

@@ -43,7 +43,8 @@ def roughness(x: np.ndarray, others: list[np.ndarray], order: int) -> float:
 
 
 def with_noise_levels(rows: Rows) -> Rows:
-    """Return the rows with noise variances, and theta's fast part, set from their own theta and theta_dot."""
+    """Return the rows with the noise variances of theta and theta_dot as their differences show them, and with theta's
+    fast part."""
     return replace(rows, theta_noise=noise_variance(rows.theta), fast=fast_part(rows.t, rows.theta),
                    rate_noise=noise_variance(rows.theta_dot) if rows.has_rate else 0.0)
 

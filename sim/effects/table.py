@@ -99,7 +99,8 @@ class Effect:
 
 @dataclass
 class Changes:
-    """Everything that the effects of a flight change; several of one kind are summed, multiplied, or listed as rows."""
+    """What the effects of a flight change, all together: of several effects of one kind numbers are added, factors
+    multiplied, and rows listed."""
 
     parameters: list[tuple[str, dict[str, float]]] = field(default_factory=list)  # name and values, of those on a6, k1
     modes: list[tuple[float, ...]] = field(default_factory=list)

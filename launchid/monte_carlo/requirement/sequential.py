@@ -127,12 +127,14 @@ def log_evidence(n: int, failures: int, probability: float, others: np.ndarray) 
 
 
 def below(probability: float) -> np.ndarray:
-    """Return alternatives (BETS,) below `probability`: their evidence speaks against it and any larger one."""
+    """Return alternatives (BETS,) below `probability`: where flights favour them, they speak against `probability` and
+    any larger one."""
     return probability * SPREAD**2
 
 
 def above(probability: float) -> np.ndarray:
-    """Return alternatives (BETS,) above `probability`: their evidence speaks against it and any smaller one."""
+    """Return alternatives (BETS,) above `probability`: where flights favour them, they speak against `probability` and
+    any smaller one."""
     return probability**SPREAD
 
 
