@@ -58,7 +58,8 @@ def is_stand(nominal: Nominal) -> bool:
 
 
 def stand_library(nominal: Nominal) -> tuple[str, ...]:
-    """Return a nominal's library: theta, beta, [vehicle.terms]; with such terms without a theta or beta that is 0."""
+    """Return the library of a nominal: theta, beta and [vehicle.terms]; where there are such terms, theta and beta only
+    if their coefficients are not 0."""
     rigid = (("theta", float(nominal.vehicle.a6[0])), ("beta", float(nominal.vehicle.k1[0])))
     return tuple(term for term, value in rigid if value != 0.0 or not nominal.terms) + \
         tuple(term for term, _ in nominal.terms)

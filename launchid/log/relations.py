@@ -179,7 +179,8 @@ def actuated(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarray
 
 
 def answered(command: np.ndarray, period: float, nominal: Nominal) -> np.ndarray:
-    """Return `actuated` (n,) of a command that acts from its row on: a row later."""
+    """Return what the nozzle does (n,) [rad] under a logged command that acts one row later than it is logged, as
+    `actuated`."""
     answer = actuated(command, period, nominal)
     return np.concatenate([answer[:1], answer[:-1]])
 
