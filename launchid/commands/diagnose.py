@@ -131,7 +131,7 @@ def _diagnosed(log: LogSources, nominal: NominalSource, folder: str, *, holdout:
     said = report(result)
     said |= of_diagnosed(said, log.path, log.options, shown_path(nominal.path or nominal.name),
                          None if extended is None else _fits(log, nominal, extended, strict), extended is not None,
-                         folder)
+                         folder, nominal.uncertainty is not None or nominal.actuator is None)
     return Diagnosed(result, said, (*ideal_note(log), *noted))
 
 

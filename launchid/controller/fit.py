@@ -182,7 +182,7 @@ def fit_law(ticks: Answered, slow: bool = False) -> FittedLaw | str:
     if np.count_nonzero(ticks.free & np.isfinite(ticks.command)) < FEWEST:
         return "too few commands"
     best = math.inf
-    differences = (0,) if np.isfinite(ticks.columns["theta_ref"]).any() else (1, 2)   # of a reference that is not logged
+    differences = (0,) if np.isfinite(ticks.columns["theta_ref"]).any() else (1, 2)   # of one that is not logged
     first = max((len(ticks.t) - SEARCHED) // 2, 0)
     short = replace(ticks, t=ticks.t[first:first + SEARCHED], command=ticks.command[first:first + SEARCHED],
                     free=ticks.free[first:first + SEARCHED],

@@ -12,7 +12,7 @@ What happens once, as a loss, a gust or a mode's beginning, is a flight's own: i
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -101,23 +101,27 @@ def with_own(m: Model) -> Model:
         if not sigma > 0.0 or (m.log.nominal.offsets is None and name != "wind"):
             continue
         for k in range(len(m.log.first)):
-            kind = Kind(f"{name}@{k}", "", ("size",), 1, lambda m, name=name, k=k, channel=channel: [
-                _column(m, name, k, channel)], prior=lambda m, sigma=sigma: sigma)
+            kind = Kind(f"{name}@{k}", "", ("size",), 1, partial(_columns, name=name, k=k, channel=channel),
+                        prior=partial(_prior, sigma=sigma))
             shape = Shape(kind, (f"{name}@{k}.size",))
             shapes.append(shape)
             numbers += kind.numbers(m, shape, ())
     return replace(m, table=Table.of(numbers), shapes=tuple(shapes))
 
 
-def _column(m: Model, name: str, k: int, channel: int | None) -> Column:
+def _prior(_: Model, sigma: float) -> float:
+    return sigma
+
+
+def _columns(m: Model, name: str, k: int, channel: int | None) -> list[Column]:
     """Return what a unit of a flight's own number does: a moment, or a shift of a channel."""
     assert isinstance(m.log, SeveralLogs)
     there = (m.log.flight == k).astype(float)
     if channel is None:
-        return Column(force=there * (m.log.k1 if name == "misalignment" else m.log.a6))
+        return [Column(force=there * (m.log.k1 if name == "misalignment" else m.log.a6))]
     shift = np.zeros((m.log.n, 3))
     shift[:, channel] = there
-    return Column(shift=shift)
+    return [Column(shift=shift)]
 
 
 def can_join(readings: Sequence[Reading], nominal: Nominal) -> str:

@@ -43,8 +43,8 @@ def nominal_of(numbers: First, name: str) -> Nominal:
     vehicle, terms, effects = plant(numbers)
     step = numbers.period / math.ceil(numbers.period / INTEGRATION_STEP - 1e-9)
     return Nominal(
-        name=name, vehicle=vehicle, terms=terms, effects=effects, actuator=actuator(numbers), controller=controller(numbers),
-        sensors=sensors(numbers),
+        name=name, vehicle=vehicle, terms=terms, effects=effects, actuator=actuator(numbers),
+        controller=controller(numbers), sensors=sensors(numbers),
         simulation=Simulation(duration=float(f"{numbers.duration:.{DIGITS}g}"), step=step,
                               acceleration_noise_std=numbers.noise["acceleration"][0]),
         wind=wind(numbers) if is_wind(numbers) else None)
@@ -132,9 +132,9 @@ def controller(numbers: First) -> Controller | None:
     law = numbers.law
     if law is None or actuator(numbers) is None:
         return None
-    c, deviation = law.controller, law.kp_std
-    gain = {"ki": known(c.ki, law.kd_std)} if c.is_rate_law else {"kd": known(c.kd, law.kd_std)}
-    return replace(c, kp=known(c.kp, deviation), **gain,
+    c = law.controller
+    kd, ki = (c.kd, known(c.ki, law.kd_std)) if c.is_rate_law else (known(c.kd, law.kd_std), c.ki)
+    return replace(c, kp=known(c.kp, law.kp_std), kd=kd, ki=ki,
                    derivative_time_constant=float(f"{c.derivative_time_constant:.{DIGITS}g}"))
 
 

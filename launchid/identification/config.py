@@ -106,6 +106,8 @@ def servo_note(log: Log, nominal: Nominal | None, config: Config) -> tuple[str, 
     if nominal is None or servo is None or servo.is_known:
         return ()
     there = log.in_range("beta_cmd") & log.in_range("beta") if "beta_cmd" in log.columns else np.zeros(0, bool)
+    if log.in_range("beta_cmd").any() and not log.in_range("beta").any():
+        return ()   # the motion tells, behind the command
     if not there.any():
         lacking = "column beta_cmd is missing: without the command"
     elif np.array_equal(log.beta[there], log.beta_cmd[there]):

@@ -17,7 +17,6 @@ from sim.nominal import Nominal
 from .check import CheckedLog
 from .live import part, rows_of
 from .log import Log
-from .rates import HELD_WORD, Rate
 
 Believed = TypeVar("Believed", bound=Nominal | None)
 
@@ -48,9 +47,7 @@ def with_nozzle(seen: CheckedLog, nominal: Believed) -> tuple[CheckedLog, Believ
         return seen, nominal, ()
     columns = (*log.columns[:2], "beta", *log.columns[2:])
     if nominal is None or nominal.actuator is None:
-        held = Rate(HELD_WORD, log.period, np.isfinite(log.beta_cmd))   # a command holds until the next
-        given = _given(seen, columns, log.beta_cmd, 0.0)
-        return replace(given, data=replace(given.data, rates={**given.data.rates, "beta": held})), nominal, (
+        return _given(seen, columns, log.beta_cmd, 0.0), nominal, (
             f"{log.path}: no column beta: the command is the input, and its delay and lag are fitted",)
     given = _given(seen, columns, predicted(log, nominal), UNSEEN)
     return given, cast("Believed", blind(nominal)), (said_of(log, nominal),)

@@ -108,11 +108,13 @@ def of_cause(cause: str, parameters: dict[str, Any]) -> str:
 
 
 def of_diagnosed(report: dict[str, Any], log: str, options: str, nominal: str,
-                 fits: tuple[float, float, float] | None, has_extension: bool, folder: str) -> dict[str, str]:
+                 fits: tuple[float, float, float] | None, has_extension: bool, folder: str,
+                 has_range: bool = True) -> dict[str, str]:
     """Return {"headline", "next"} of the diagnose JSON.
 
     log, options, nominal  as a command names them;  fits  how well theta is predicted [%] before and after, and how far
-    ahead [s];  has_extension  whether --report writes an extension.toml;  folder  of the report
+    ahead [s];  has_extension  whether --report writes an extension.toml;  folder  of the report;  has_range  whether
+    the nominal has an [uncertainty]
     """
     again = f"launchid diagnose {log} {nominal} --report report{options}"
     if report["verdict"] == "bad-data":
@@ -123,7 +125,7 @@ def of_diagnosed(report: dict[str, Any], log: str, options: str, nominal: str,
                 "next": f"launchid show {log}{options}"}
     if report["verdict"] == "consistent":
         return {"headline": f"The log is what {nominal} predicts: nothing is wrong that it could show.",
-                "next": f"launchid uncertainty {log} {nominal}{options}"}
+                "next": f"launchid {'uncertainty' if has_range else 'margins'} {log} {nominal}{options}"}
     if not report["causes"]:
         where = f", at the {report['where']}" if report["where"] else ""
         return {"headline": f"{nominal} does not predict this log{where}, and no known cause fits.",

@@ -61,6 +61,37 @@ def test_from_the_raw_csv_to_a6_and_k1(tmp_path, linkage, capsys):
             assert is_near(window["a6"], window["a6_std"], ROCKET.a6(begin), ROCKET.a6(end))
 
 
+def margins_of(a6: float) -> tuple[float, float]:
+    """Return the phase margin [deg] and high gain margin [dB] of the sampled loop, frozen at a6: the plant behind hold,
+    delay and lag, its response summed over the aliases."""
+    w, period = np.linspace(0.5, 100.0, 20000), ROCKET.period
+    loop = np.zeros(len(w), complex)
+    for k in range(-20, 21):
+        s = 1j * (w + 2.0 * math.pi * k / period)
+        plant = ROCKET.k1 * np.exp(-s * ROCKET.delay) / ((1.0 + ROCKET.lag * s) * (s * s - a6))
+        loop -= (ROCKET.kp + ROCKET.kd * s) * plant * (1.0 - np.exp(-s * period)) / (s * period)
+    size = np.abs(loop)
+    crossed = np.flatnonzero((size[:-1] > 1.0) & (size[1:] <= 1.0))[-1]
+    turned = np.flatnonzero((np.diff(np.sign(loop.imag)) != 0.0) & (loop.real[:-1] < 0.0) & (w[:-1] > w[crossed]))[0]
+    return math.degrees(np.angle(-loop[crossed])), -20.0 * math.log10(size[turned])
+
+
+def test_from_the_raw_csv_to_controller_and_margins(tmp_path, linkage):
+    log, first = raw(tmp_path, 31), str(tmp_path / "first.toml")
+    law = answer(["nominal", log, *linkage, "--out", first], tmp_path / "n.json")["controller"]
+    assert law["law"] == "gyro" and law["period"] == ROCKET.period
+    for name, true in (("kp", ROCKET.kp), ("kd", ROCKET.kd)):
+        assert is_near(law[name]["value"], law[name]["std"], true, true)
+    for words in ([log, first], [log]):
+        windows = answer(["margins", *words, *linkage], tmp_path / "m.json")["windows"]
+        assert sum(window["valid"] for window in windows) >= 2
+        for window in (each for each in windows if each["valid"]):
+            middle = 0.5 * (window["t_start"] + window["t_end"]) - ROCKET.pad
+            for name, true in zip(("phase_deg", "gain_high_db"), margins_of(ROCKET.a6(middle)), strict=True):
+                value, low, high = (window[name][key] for key in ("value", "low", "high"))
+                assert is_near(value, (high - low) / (2.0 * 1.96), true, true)
+
+
 def test_watched_from_the_pad_to_the_parachute(tmp_path, linkage, capsys):
     log, first = raw(tmp_path, 31), str(tmp_path / "first.toml")
     assert main(["nominal", log, *linkage, "--out", first]) == 0
