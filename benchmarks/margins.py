@@ -1,6 +1,6 @@
 """Margins of flights: do their 95 % intervals hold the truth, do they warn, does the gate refuse what it must?
 
-    python benchmarks/margins.py coverage|warnings|gate|another|clean|fitted|alone|gains|undeclared
+    python benchmarks/margins.py coverage|warnings|gate|another|clean|fitted|alone|gains|undeclared|peer
                                  [--flights N] [--seed 0] [--nominal NAME] [--law NAME] [--vehicle NAME] [--moving]
                                  [--seen columns|others|half]
 
@@ -34,6 +34,11 @@ gains: `--scale` asks for other gains than flew, a factor of 0.7 to 1.4 on each;
 as it would fly. undeclared: damping or slosh that the nominal does not have, `flight` suite; the truth is the loop with
 it.
 
+peer: margins out of the log alone beside the published method of a public chirp tool (betaflight-chirp-core 0.4.0, its
+README and changelog): T = theta/theta_ref by Welch's cross spectra, Ms = max |1 - T|, the guaranteed phase margin
+2 asin(1/(2 Ms)), the phase margin 180 degrees + arg T at the closed loop's 0 dB, +- half of what the phase turns from
+one line to the next there. The reference is a sweep of 8 mrad, 0.1 to 3 Hz, or the guidance. RMS errors.
+
 clean: nothing is wrong; controller and log at 25 to 200 Hz, and logs faster and slower than the controller.  Lost: the
 share of the windows that the estimator has numbers of and the tests of controller and servo refuse.
 """
@@ -48,6 +53,7 @@ from unittest import mock
 
 import numpy as np
 from flights import INTERVAL, Table, arguments, at_rate, in_air, nominal, run_jobs
+from scipy.signal import coherence, csd, welch
 
 import launchid
 from launchid.bound.flights import flight_bound
@@ -101,7 +107,7 @@ def _columns(flight: Flight) -> dict[str, np.ndarray]:
 
 
 def judged(name: str, air: str, window: float, seed: int) -> dict[str, np.ndarray] | None:
-    """Judge one flight's margins; None if it is lost.  window, tracked (n, 5): whether each interval holds the truth;
+    """Judge one flight's margins; None if it is lost.  window, tracked (n, 6): whether each interval holds the truth;
     ratio (n, 2): errors of a6, k1 over the bound; cost: that bound over a known servo's; servo (1, 3): its errors over
     their std."""
     believed = in_air(nominal(name), air)
@@ -139,7 +145,7 @@ def coverage(args: argparse.Namespace) -> None:
                 made = [each for each in run_jobs(judged, [(name, air, window, seed) for seed in args.seeds]) if each]
                 print(f"{name}, {air}, {window:g} s windows, {len(made)} flights")
                 of = {key: np.concatenate([each[key].reshape(-1, size) for each in made]) for key, size in (
-                    ("window", 5), ("tracked", 5), ("servo", 3), ("ratio", 2), ("cost", 2))}
+                    ("window", 6), ("tracked", 6), ("servo", 3), ("ratio", 2), ("cost", 2))}
                 table = Table("of 8", "windows 7d", *(f"{margin} 6.1%" for margin in MARGIN_NAMES))
                 for what in ("window", "tracked"):
                     covered = of[what].mean(axis=0)
@@ -159,7 +165,7 @@ NAMED_LEAST, FALSE_MOST, REFUSED_LEAST = 0.95, 0.01, 0.95
 
 
 def margins_of_vehicle(vehicle: Nominal, a6: float, k1: float, gains: tuple[float, ...] = ()) -> np.ndarray:
-    """Return the true margins (5,) of a6, k1 [1/s^2] behind a vehicle's servo; gains (kp, kd [s]) if others fly."""
+    """Return the true margins (6,) of a6, k1 [1/s^2] behind a vehicle's servo; gains (kp, kd [s]) if others fly."""
     servo, controller = vehicle.actuator, vehicle.controller
     row = np.array([[a6, k1, servo.natural_frequency, servo.damping_ratio, servo.delay]])
     return np.asarray(margin_table(loops(plants_of(row), controller, *gains))[0])
@@ -326,7 +332,7 @@ def right(name: str, kind: str, regime: str, seed: int) -> tuple[int, int, float
             continue
         middle = 0.5 * (each.t_start + each.t_end)
         vehicle = vehicle_at(middle)
-        truth = np.full(5, np.nan) if vehicle is None else margins_of_vehicle(vehicle, *_at(vehicle, middle, 1.0, 1.0))
+        truth = np.full(6, np.nan) if vehicle is None else margins_of_vehicle(vehicle, *_at(vehicle, middle, 1.0, 1.0))
         for true, margin in zip(truth, MARGIN_NAMES, strict=True):
             interval = getattr(each.window.spread, margin)
             x, value, low, high = true, interval.value, interval.low, interval.high
@@ -408,8 +414,8 @@ def believed_of(of: Vehicle, period: float) -> Nominal:
 
 
 def judged_law(name: str, vehicle: str, moves: bool, alone: bool, seen: str, seed: int) -> dict[str, np.ndarray]:
-    """Ask the margins of a flight behind a law.  counts: windows, refused; inside, far (n, 5): whether each interval
-    holds the truth, whether it is beyond three half-widths; half (n, 5).  seen: by the controller."""
+    """Ask the margins of a flight behind a law.  counts: windows, refused; inside, far (n, 6): whether each interval
+    holds the truth, whether it is beyond three half-widths; half (n, 6).  seen: by the controller."""
     law, of = scaled(name, vehicle), VEHICLES[vehicle]
     draw = 1000 * seed + 10 * list(LAWS).index(name) + list(VEHICLES).index(vehicle)   # no two with the same noise
     columns = fly(law, of, draw, guidance=GUIDANCE if moves else STILL, copies=seen == "others")
@@ -427,8 +433,8 @@ def judged_law(name: str, vehicle: str, moves: bool, alone: bool, seen: str, see
         far.append([abs(x - i.value) > 3.0 * max(h, 1e-3) for x, i, h in zip(right, intervals, half, strict=True)])
         halves.append(half)
     return {"counts": np.array([len(made.windows), len(made.windows) - len(inside)]),
-            "inside": np.array(inside).reshape(-1, 5), "far": np.array(far).reshape(-1, 5),
-            "half": np.array(halves).reshape(-1, 5)}
+            "inside": np.array(inside).reshape(-1, 6), "far": np.array(far).reshape(-1, 6),
+            "half": np.array(halves).reshape(-1, 6)}
 
 
 def any_law(args: argparse.Namespace, alone: bool) -> None:
@@ -436,7 +442,7 @@ def any_law(args: argparse.Namespace, alone: bool) -> None:
     for moves in (True, False)[:1 if args.moving else 2]:
         print("the reference moves" if moves else "the reference stands")
         table = Table("law 14", "windows 7d", "refused 6.1%", *(f"{margin} 6.1%" for margin in MARGIN_NAMES),
-                      "far 6.2%", *(f"+-{each} 7.3g" for each in ("dB", "dB", "deg", "ms", "1")))
+                      "far 6.2%", *(f"+-{each} 7.3g" for each in ("dB", "dB", "deg", "ms", "1", "1")))
         jobs = [(name, vehicle, moves, alone, args.seen, seed) for name in args.law for vehicle in args.vehicle
                 for seed in args.seeds]
         every = run_jobs(judged_law, jobs)
@@ -448,7 +454,7 @@ def any_law(args: argparse.Namespace, alone: bool) -> None:
 def _law_row(table: Table, name: str, made: list[dict[str, np.ndarray]], is_judged: bool) -> None:
     counts = np.sum([each["counts"] for each in made], axis=0)
     inside, far, half = (np.concatenate([each[key] for each in made]) for key in ("inside", "far", "half"))
-    held = inside.mean(axis=0) if len(inside) else np.full(5, np.nan)
+    held = inside.mean(axis=0) if len(inside) else np.full(6, np.nan)
     away = float(np.mean(far.any(axis=1))) if len(far) else 0.0
     good = not is_judged or (bool(np.all((held >= HELD_LEAST) & (held <= HELD_MOST))) and away <= FEW
                              and counts[1] <= REFUSED_MOST * counts[0])
@@ -471,7 +477,7 @@ LEAST_FACTOR, MOST_FACTOR = 0.7, 1.4
 
 
 def rescaled(name: str, vehicle: str, seed: int) -> np.ndarray:
-    """Ask the margins of other gains than flew; return whether each interval holds the truth (n, 5)."""
+    """Ask the margins of other gains than flew; return whether each interval holds the truth (n, 6)."""
     law, of = scaled(name, vehicle), VEHICLES[vehicle]
     draw = 1000 * seed + 10 * list(SCALED).index(name) + list(VEHICLES).index(vehicle)
     f, g = np.random.default_rng((921, draw)).uniform(LEAST_FACTOR, MOST_FACTOR, 2)
@@ -485,7 +491,7 @@ def rescaled(name: str, vehicle: str, seed: int) -> np.ndarray:
         if spread is not None:
             inside.append([i.low - 2e-4 <= x <= i.high + 2e-4
                            for x, i in zip(right, (getattr(spread, name) for name in MARGIN_NAMES), strict=True)])
-    return np.array(inside).reshape(-1, 5)
+    return np.array(inside).reshape(-1, 6)
 
 
 def gains(args: argparse.Namespace) -> None:
@@ -509,13 +515,13 @@ UNDECLARED = {"damping 0.1": ("aero_damping", {"coefficient": 0.1}),
 
 def hidden(name: str, kind: str, seed: int) -> tuple[int, np.ndarray, np.ndarray]:
     """Ask the margins of a flight with what the nominal does not have; return the windows, and of those with margins
-    whether each interval holds the truth, and is beyond three half-widths (n, 5)."""
+    whether each interval holds the truth, and is beyond three half-widths (n, 6)."""
     believed = nominal(name)
     effects = [effect(UNDECLARED[kind][0], **UNDECLARED[kind][1])]
     true = dataclasses.replace(believed, effects=(*believed.effects, *effects))
     flight = fly_whole(true, seed)
     if flight.lost:
-        return 0, np.zeros((0, 5)), np.zeros((0, 5))
+        return 0, np.zeros((0, 6)), np.zeros((0, 6))
     made = launchid.margins(_columns(flight), believed)
     inside, far = [], []
     for each in made.windows:
@@ -530,7 +536,7 @@ def hidden(name: str, kind: str, seed: int) -> tuple[int, np.ndarray, np.ndarray
         inside.append([i.low <= x <= i.high for x, i in zip(right, intervals, strict=True)])
         far.append([abs(x - i.value) > 3.0 * max(i.high - i.value, i.value - i.low)
                     for x, i in zip(right, intervals, strict=True)])
-    return len(made.windows), np.array(inside).reshape(-1, 5), np.array(far).reshape(-1, 5)
+    return len(made.windows), np.array(inside).reshape(-1, 6), np.array(far).reshape(-1, 6)
 
 
 def undeclared(args: argparse.Namespace) -> None:
@@ -542,16 +548,73 @@ def undeclared(args: argparse.Namespace) -> None:
             made = run_jobs(hidden, [(name, kind, seed) for seed in args.seeds])
             count = sum(each[0] for each in made)
             inside, far = (np.concatenate([each[k] for each in made]) for k in (1, 2))
-            held = inside.mean(axis=0) if len(inside) else np.full(5, np.nan)
+            held = inside.mean(axis=0) if len(inside) else np.full(6, np.nan)
             table.row(name, kind, count, 1.0 - len(inside) / max(count, 1), *held,
                       float(np.mean(far.any(axis=1))) if len(far) else 0.0,
                       good=not len(inside) or bool(np.all(held >= HELD_LEAST)))
 
 
+SWEEP_SIZE, SWEEP_FROM, SWEEP_TIMES, SWEEP_LINE = 0.008, 0.1, 30.0, 10.0   # rad, Hz, last frequency over first, s
+SURE = 0.6    # coherence
+
+
+def sweep() -> tuple[np.ndarray, np.ndarray]:
+    """Return times [s] and a reference [rad] that sweeps through frequencies exponentially."""
+    t = np.arange(7000) * 0.01
+    rate = np.log(SWEEP_TIMES) / t[-1]
+    return t, SWEEP_SIZE * np.sin(2.0 * np.pi * SWEEP_FROM / rate * (np.exp(rate * t) - 1.0))
+
+
+def chirp_method(columns: dict[str, np.ndarray]) -> np.ndarray:
+    """Return phase margin [deg], its half-width, the guaranteed one, and Ms as the chirp tool describes them."""
+    period = columns["t"][1]
+    rows = round(SWEEP_LINE / period)
+    frequency, power = welch(columns["theta_ref"], 1.0 / period, nperseg=rows)
+    cross = csd(columns["theta_ref"], columns["theta"], 1.0 / period, nperseg=rows)[1]
+    sure = (coherence(columns["theta_ref"], columns["theta"], 1.0 / period, nperseg=rows)[1] > SURE) & (frequency > 0.0)
+    closed = (cross / power)[sure]
+    if len(closed) < 3:
+        return np.full(4, np.nan)
+    ms = float(np.abs(1.0 - closed).max())
+    guaranteed = np.degrees(2.0 * np.arcsin(min(1.0 / (2.0 * ms), 1.0)))
+    falls = np.flatnonzero((np.abs(closed[:-1]) >= 1.0) & (np.abs(closed[1:]) < 1.0))
+    if not len(falls):
+        return np.array([np.nan, np.nan, guaranteed, ms])
+    k = int(falls[-1])
+    turned = abs(float(np.angle(closed[k + 1] / closed[k], deg=True)))
+    return np.array([180.0 + float(np.angle(closed[k], deg=True)), 0.5 * turned, guaranteed, ms])
+
+
+def beside_peer(name: str, is_sweep: bool, seed: int) -> np.ndarray:
+    """Return errors of phase and Ms by the chirp tool (phase, guaranteed, Ms), whether its interval holds, and by the
+    log alone (phase, Ms), whether its interval holds: (7,)."""
+    law = LAWS[name]
+    columns = fly(law, VEHICLES["paper"], seed, guidance=sweep() if is_sweep else GUIDANCE)
+    right = truth(law, VEHICLES["paper"], 20_000)
+    theirs = chirp_method(columns)
+    made = launchid.margins(columns, window="all").windows[0].window.spread
+    own = (np.nan,) * 3 if made is None else (
+        made.phase_deg.value - right[2], made.ms - 1.0 / right[4],
+        float(made.phase_deg.low <= right[2] <= made.phase_deg.high))
+    return np.array([theirs[0] - right[2], theirs[2] - right[2], theirs[3] - 1.0 / right[4],
+                     abs(theirs[0] - right[2]) <= theirs[1], *own])
+
+
+def peer(args: argparse.Namespace) -> None:
+    """Print errors of the log alone and of the chirp tool's method on the same flights."""
+    table = Table("reference 9", "law 12", "flights 7d", "chirp: deg 7.2f", "guaranteed 7.2f", "Ms 7.3f", "holds 6.1%",
+                  "own: deg 7.2f", "Ms 7.3f", "holds 6.1%")
+    for is_sweep in (True, False):
+        for name in ("pd", "pd hot", "pd gyro", "pid", "pd low-pass", "cascade"):
+            made = np.array(run_jobs(beside_peer, [(name, is_sweep, seed) for seed in args.seeds]))
+            rms, held = np.sqrt(np.nanmean(made**2, axis=0)), np.nanmean(made, axis=0)
+            table.row("sweep" if is_sweep else "guidance", name, len(made), *rms[:3], held[3], *rms[4:6], held[6])
+
+
 PARTS: dict[str, tuple[Callable[[argparse.Namespace], None], int]] = {
     "coverage": (coverage, 100), "warnings": (warnings, 200), "gate": (gate, 100), "another": (another, 4),
     "clean": (clean, 10), "fitted": (fitted, 2), "alone": (out_of_log, 1), "gains": (gains, 4),
-    "undeclared": (undeclared, 3)}  # and their flights, if not said
+    "undeclared": (undeclared, 3), "peer": (peer, 3)}  # and their flights, if not said
 
 
 def main() -> None:

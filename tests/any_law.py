@@ -136,7 +136,7 @@ def response(of: AnyLaw, vehicle: Vehicle, omega: np.ndarray) -> np.ndarray:
 
 
 def truth(of: AnyLaw, vehicle: Vehicle = USUAL, points: int = 3000) -> np.ndarray:
-    """Low and high gain [dB], phase [deg], delay [ms], modulus margin by python-control, as `MARGIN_NAMES`."""
+    """Low and high gain [dB], phase [deg], delay [ms], modulus and disk margin by python-control, as `MARGIN_NAMES`."""
     omega = np.geomspace(1e-3, 0.9999 * math.pi / of.T, points)
     gain = response(of, vehicle, omega)
     gains, phases, distances, _, at, _ = control.stability_margins(control.frd(gain, omega), returnall=True)
@@ -149,4 +149,4 @@ def truth(of: AnyLaw, vehicle: Vehicle = USUAL, points: int = 3000) -> np.ndarra
                          20.0 * math.log10(high.min()) if len(high) else math.inf,
                          np.abs(phases).min() if len(phases) else math.inf,
                          1e3 * (np.mod(np.radians(phases), 2.0 * np.pi) / at).min() if len(phases) else math.inf,
-                         np.abs(distances).min()])
+                         np.abs(distances).min(), 2.0 * np.min(np.abs((1.0 + gain) / (1.0 - gain)))])

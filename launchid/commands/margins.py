@@ -13,7 +13,7 @@ from sim.errors import InputError, UsageError
 from sim.sections import Required
 
 from .. import progress
-from ..argument_checks import DEFAULT_WINDOW, window_for
+from ..argument_checks import DEFAULT_WINDOW, Default, real, window_for
 from ..cli.common import check_outputs, read_nominal, read_noting, reading, tell
 from ..cli.options import (
     LOG_HELP,
@@ -113,7 +113,7 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
     InputError
         A nominal without [actuator], or with a loop that is not modelled.
     """
-    from ..identification.config import log_config, servo_note
+    from ..identification.config import log_config, refuse_too_long, servo_note
     from ..identification.windows import identified
     from ..log.commanded import measured_alone, with_nozzle
     from ..log.phases import checked_flight
@@ -134,12 +134,16 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
             raise UsageError("--tracked needs a nominal")
         return _alone(log, window, strict, asked)
     declared_servo(nominal)  # InputError for a loop without this model, before the log is checked
+    if not isinstance(window, (str, Default)):
+        window = real("--window", window, "seconds or 'all'")
     seen = checked_flight(read_log(log), nominal, strict=strict)
     if is_command(seen.log):   # nobody saw the nozzle: its servo is estimated from the motion
         seen = replace(seen, log=without_nozzle(seen.log))
         nominal = with_unknown_servo(nominal)
     nominal, damping = with_damping(nominal, _damping(seen.log, nominal))
     seen, believed, said = with_nozzle(seen, nominal)
+    if window == "all":
+        refuse_too_long(seen.log)
     config = log_config(seen.log, believed, str(window_for(window, seen.log)), "filtered", True, seen.bridged,
                         library="rigid-body")
     warnings = (*seen.warnings, *said, *servo_note(measured_alone(seen.log), nominal, config))
@@ -170,6 +174,7 @@ def _alone(log: LogSource, window: float | str, strict: bool, asked: Choice) -> 
     from ..report.headline import of_identified as headline_of
     from ..report.identification import report_of, why
     from ..robustness import flight_margins as fm
+    from ..robustness.excitation import excitation
     from ..robustness.log_alone import margins_alone
     from ..sources import read_log
     found = identified_log(read_log(log), window=window, strict=strict, library=DAMPING_LIBRARY)
@@ -179,6 +184,7 @@ def _alone(log: LogSource, window: float | str, strict: bool, asked: Choice) -> 
     windows, servo, flown = margins_alone(found.log, judged.estimates, judged.covariances, judged.late,
                                           answer.get("delay"), asked)
     report = fm.report(windows, servo, Required(), False, flown)
+    report["excitation"] = excitation(windows, Required(), found.result.config.window, None)
     if not any(each["valid"] for each in report["windows"]):
         report["why"] = why(report["windows"]).replace("is valid", "has margins")
     report["next"] = answer["next"]
@@ -191,8 +197,10 @@ def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequenc
     """Return the stability margins of the windows that `identify` has estimated (`filtered`); tracked: also of its
     tracked estimates; warnings: become the result's; asked: which controller's; damping: of the airframe, as the log
     tells it and `nominal` has it."""
+    from ..report.headline import shown_path
     from ..report.identification import next_step, why
     from ..robustness import flight_margins as fm
+    from ..robustness.excitation import excitation
     from ..robustness.flown import loop_that_flew
     declared = fm.declared_servo(nominal)
     servos = [fm.servo_at(declared, e) for e in estimates]
@@ -203,6 +211,7 @@ def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequenc
     servo = fm.last_servo(servos, declared)
     report = fm.report(windows, servo, nominal.margins, tracked, flown)
     report["damping"] = None if damping is None else damping.json
+    report["excitation"] = excitation(windows, nominal.margins, config.window, shown_path(nominal.path or nominal.name))
     if not any(window["valid"] for window in report["windows"]):
         report["why"] = why(report["windows"]).replace("is valid", "has margins")
     tested = [{"status": e.status.name} for k, e in enumerate(estimates) if k not in flown.refused]

@@ -35,6 +35,7 @@ MARGIN_WORDS = (
     ("phase", "the smallest phase margin of all crossovers"),
     ("delay", "the delay that the loop still bears"),
     ("modulus margin", "the least distance |1 + L| from the critical point; its inverse Ms is the largest sensitivity"),
+    ("disk margin", "2 min |1 + L|/|1 - L|: gain and phase may move at once, by any factor of that disk"),
     ("P(stable)", "the probability that the loop as identified is stable"),
     ("interval", "95 %, from the covariance of a6, k1 and the servo's numbers"))
 

@@ -29,6 +29,7 @@ import numpy as np
 from sim.kernels import kernel
 
 from ..controller.fit import Answered, FittedLaw, law_of_numbers
+from ..controller.law import shift
 from ..sums import along, products, square
 from .lft import exponential
 
@@ -38,7 +39,7 @@ LOST_MOST = 0.02     # of the rows, that may lack a value
 FLOOR = 5e-4         # of the rms step of the command: noise of the logged command, at least
 ALIKE = 4.0          # nats within which a law is as likely as another
 DRAFT_ROWS = 2000    # of the log, by which structures are compared
-DRAFTS = ((3, 10, 0.05, False), (8, 3, 0.01, True))   # rounds, drafts that go on, floor, of each structure one
+DRAFTS = ((3, 10, 0.05, False), (12, 3, 0.01, True))   # rounds, drafts that go on, floor, of each structure one
 ROUNDS = 25          # of the last fit
 DOUBLINGS = 14       # of Riccati's equation
 SETTLED = 0.01       # nats: a smaller gain is the last
@@ -120,6 +121,9 @@ def steady(A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray,
 class Model:
     """A structure of a law on a log.  Numbers p: plant (6,), law, share of the reference, constant, ln of LEVELS.
 
+    The law's numbers are its polynomials' in z - 1 (`controller.law`): in z those of a slow pole, of an integral above
+    all, are so much alike that no step finds its way along them.
+
     order    of the law;  has_rate: it answers the gyro too;  late: periods before it answers
     prior    (6,) of the plant;  weight (6, 6): inverse square root of its covariance, in rows
     start    of the levels;  floor  [rad] of the command
@@ -141,12 +145,12 @@ class Model:
         return self.order - self.late + free * (1 + self.has_rate) + 2
 
     def law(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return a (., n), b, c (., n + 1) of numbers (., count) of the law."""
-        n, late, k = self.order, self.late, self.order + 1 - self.late
-        zero = np.zeros((*q.shape[:-1], late))
-        a = np.concatenate([q[..., :n - late], zero], -1)
-        b = np.concatenate([zero, q[..., n - late:n - late + k]], -1)
-        c = np.concatenate([zero, q[..., n - late + k:n - late + 2 * k]], -1) if self.has_rate else np.zeros_like(b)
+        """Return a (n,), b, c (n + 1,) of numbers (count - 2,) of the law."""
+        count, none = self.order + 1 - self.late, np.zeros(self.late)
+        turn = np.linalg.inv(shift(count))
+        a = np.concatenate([-(np.append(1.0, q[:count - 1]) @ turn)[1:], none])
+        b, c = (np.concatenate([none, part @ turn]) if len(part) else np.zeros(self.order + 1)
+                for part in (q[count - 1:2 * count - 1], q[2 * count - 1:]))
         return a, b, c
 
     def run(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -351,9 +355,10 @@ def _model(data: Data, draft: Draft, prior: np.ndarray, weight: np.ndarray, leve
     """Return the model of a draft's structure, and the numbers to start from."""
     n = max(len(draft.command), len(draft.theta)) - 1 + draft.late
     count = n + 1 - draft.late
-    parts = [-draft.command[1:], *(each for each in (draft.theta, draft.rate) if each is not None)]
-    sizes = [n - draft.late, count, count]
-    law = np.concatenate([np.pad(part, (0, size - len(part))) for part, size in zip(parts, sizes, strict=False)])
+    parts = [draft.command, *(each for each in (draft.theta, draft.rate) if each is not None)]
+    turn = shift(count)
+    law = np.concatenate([(np.pad(part, (0, count - len(part))) @ turn)[first:]
+                          for first, part in zip((1, 0, 0), parts, strict=False)])
     start = levels[:5] if data.is_same else levels[:7] if draft.rate is not None else levels[:6]
     model = Model(data, n, draft.rate is not None, draft.late, prior, weight, start, floor * data.step)
     return model, np.concatenate([prior, law, [1.0, 0.0], start])
@@ -469,7 +474,8 @@ def _found(made: _Fitted) -> Found:
         * np.outer(scale, scale)
     k = 4 + model.count
     count = model.order + (model.order + 1) * (1 + model.has_rate)
-    turn = np.array([np.concatenate(model.law(row)) for row in np.eye(k - 6)]).T[:count]   # free numbers to a, b, c
+    turn = np.array([np.concatenate(model.law(row)) for row in (np.zeros(k - 6), *np.eye(k - 6))]).T[:count]
+    turn = turn[:, 1:] - turn[:, :1]   # of the free numbers to a, b, c
     numbers = np.concatenate(model.law(p[6:k]))[:count]
     of, period = ("error", "theta_dot") if model.has_rate else ("error",), model.data.period
     e, *_ = model.run(p)

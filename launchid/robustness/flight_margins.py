@@ -170,10 +170,19 @@ def _with_law(mean: np.ndarray, covariance: np.ndarray, count: int, servo: Servo
     return Known(mean, covariance, count, servo.is_first_order, airframe.modes, laws, airframe.gain)
 
 
-def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, gains: tuple[float, float] | None = None) -> Judged:
+def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, gains: tuple[float, float] | None = None,
+           fitted: fl.Judged | None = None) -> Judged:
     """Return the margins with `rigid` = (a6, k1 [1/s^2], their two stds, their correlation), the nominal's controller
     and `servo`; gains (kp, kd [s]) replace the controller's.  Status UNKNOWN and no margins if a number is not
-    finite."""
+    finite.
+
+    fitted  the controller that a log told (`WindowMargins.window.controller`), in place of the nominal's
+    """
+    if fitted is not None:
+        if gains is not None:
+            old = fitted.law.gains()
+            fitted = fitted.scaled(gains[0] / old["kp"], gains[1] / old["kd"])
+        return margins_of(rigid, servo, fitted, airframe_of(nominal))
     own = fl.of_nominal(nominal)
     assert own.controller is not None
     if gains is not None:
@@ -310,7 +319,7 @@ def table(said: dict[str, Any]) -> str:
 
 def closing_lines(said: dict[str, Any]) -> list[str]:
     """Return how many windows of `said` (the JSON of `report`) have margins and keep the required ones, as text; for
-    the window's and for the tracked estimates."""
+    the window's and for the tracked estimates; and what the flight does not tell (`excitation`)."""
     lines = []
     for of in ("window", "tracked"):
         there = [window for window in said["windows"] if (window | window.get(of, {}))["valid"]]
@@ -320,7 +329,8 @@ def closing_lines(said: dict[str, Any]) -> list[str]:
             who = "of those " + ("all keep" if kept == len(there) else f"{kept} keep" if kept else "none keeps")
             lines.append(f"{len(there)} of {len(said['windows'])} windows have margins{' tracked' * (of == 'tracked')}"
                          f"; {who} what [margins] requires, with the whole 95 % interval")
-    return lines
+    untold = said.get("excitation")
+    return [*lines, *([untold["words"]] if untold else [])]
 
 
 def gain_lines(said: dict[str, Any]) -> list[str]:

@@ -29,7 +29,7 @@ from sim.sections import Required
 
 from ..controller.law import Law
 from .loops import Loops, Mode, loops, plants_of
-from .margins import crossings, frequency_grid, gain_margins, modulus_margin, phase_margins
+from .margins import crossings, disk_margin, frequency_grid, gain_margins, modulus_margin, phase_margins
 
 
 class Margin(NamedTuple):
@@ -46,7 +46,8 @@ MARGINS = {"gain_low_db": Margin("low gain margin", "dB", "gain_db", -1.0),
            "gain_high_db": Margin("high gain margin", "dB", "gain_db"),
            "phase_deg": Margin("phase margin", "degrees", "phase_deg"),
            "delay_ms": Margin("delay margin", "ms", "delay_ms"),
-           "modulus_margin": Margin("modulus margin", "", "")}
+           "modulus_margin": Margin("modulus margin", "", ""),
+           "disk_margin": Margin("disk margin", "", "")}
 MARGIN_NAMES = tuple(MARGINS)
 INTERVAL = 1.96        # standard deviations: 95 %
 INSIDE = 48            # quasi-random points of the distribution
@@ -123,6 +124,7 @@ class Spread:
     phase_deg: Interval
     delay_ms: Interval
     modulus_margin: Interval
+    disk_margin: Interval
     stable: float          # the probability that the loop is
     crossings: tuple[Crossing, ...] = ()
     worst: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), compare=False, repr=False)
@@ -150,14 +152,15 @@ class Spread:
 
 
 def margin_table(many: Loops) -> np.ndarray:
-    """Return margins (m, 5) of m loops in order of MARGIN_NAMES: 0 if unstable, infinite where nothing limits one."""
+    """Return margins (m, 6) of m loops in order of MARGIN_NAMES: 0 if unstable, infinite where nothing limits one."""
     omega = frequency_grid(many.period, (float(np.max(many.whole)) + 1.0) * many.period, many.peaks)
     gain = many.gain(omega)
     low, high = gain_margins(many, omega, gain, many.static)
     phase, delay = phase_margins(many, omega, gain)
-    modulus = modulus_margin(many, omega, gain, MODULUS_ZOOMS)
+    modulus, disk = (of(many, omega, gain, MODULUS_ZOOMS) for of in (modulus_margin, disk_margin))
     with np.errstate(divide="ignore"):
-        table = np.column_stack([20.0 * np.log10(low), 20.0 * np.log10(high), np.degrees(phase), 1e3 * delay, modulus])
+        table = np.column_stack([20.0 * np.log10(low), 20.0 * np.log10(high), np.degrees(phase), 1e3 * delay, modulus,
+                                 disk])
     table[~many.stable()] = 0.0
     return table
 

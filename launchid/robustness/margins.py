@@ -143,21 +143,31 @@ def phase_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray) ->
     return phase, delay
 
 
-def modulus_margin(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray, zooms: int = ZOOMS) -> np.ndarray:
-    """Return the least |1 + L| (m,), sought around the least on the grid by grids that are 8 times as fine each.
+def modulus_margin(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray, zooms: int = ZOOMS,
+                   distance_of: Callable[[np.ndarray], np.ndarray] = lambda x: np.abs(1.0 + x)) -> np.ndarray:
+    """Return the least |1 + L| (m,), or another distance, sought around the least on the grid by grids that are 8 times
+    as fine each.
 
     omega (p,) [rad/s];  gain (m, p) L on it;  zooms  each of which costs as much as ZOOM_POINTS of the grid
     """
-    least = np.argmin(np.abs(1.0 + gain), axis=1)
+    least = np.argmin(distance_of(gain), axis=1)
     low, high = omega[np.maximum(least - 1, 0)], omega[np.minimum(least + 1, len(omega) - 1)]
     every = np.arange(len(gain))
     for _ in range(zooms):
         points = np.linspace(low, high, ZOOM_POINTS, axis=-1)
-        distance = np.abs(1.0 + loop.gain(points))
+        distance = distance_of(loop.gain(points))
         least = np.argmin(distance, axis=1)
         low = points[every, np.maximum(least - 1, 0)]
         high = points[every, np.minimum(least + 1, ZOOM_POINTS - 1)]
     return distance[every, least]
+
+
+def disk_margin(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray, zooms: int = ZOOMS) -> np.ndarray:
+    """Return the symmetric disk margin (m,) = 2 min |1 + L|/|1 - L|, arguments as of `modulus_margin`: gain and phase
+    may move at once, by any factor (1 + d/2)/(1 - d/2) with |d| below it (Seiler, Packard and Gahinet, IEEE Control
+    Systems Magazine 40 (5), 2020, for the skew 0)."""
+    return modulus_margin(loop, omega, gain, zooms,
+                          lambda x: 2.0 * np.abs(1.0 + x) / np.maximum(np.abs(1.0 - x), 1e-300))
 
 
 def worst_margins(lft: Lft, centre: tuple[float, float] = (0.0, 0.0),

@@ -47,6 +47,7 @@ from sim.plant import CLOCK_DIGITS, Factor
 from sim.vehicle.record import LOG_ROW, Vehicle
 
 from .flight_margins import Servo, declared_servo, judged, miss_words, servo_at
+from .flown import Judged as Controller
 
 READING_PERIOD = 0.2  # s of the estimator: how often the tracked estimate is read
 JUDGEMENT_LASTS = 1.0  # s for which a judgement of the margins holds, if the gains asked for stay within
@@ -191,10 +192,14 @@ class Decision(NamedTuple):
 
 
 class Gate:
-    """Lets new gains pass only if the nominal's required margins hold with them, or the legacy gains keep less."""
+    """Lets new gains pass only if the nominal's required margins hold with them, or the legacy gains keep less.
 
-    def __init__(self, nominal: Nominal) -> None:
+    fitted  the controller that a log told, with what is not known of it, in place of the nominal's
+    """
+
+    def __init__(self, nominal: Nominal, fitted: Controller | None = None) -> None:
         self.nominal = nominal
+        self.fitted = fitted
         self.declared = declared_servo(nominal)
         self.last = Decision(-math.inf, True, (math.nan, math.nan), "")
 
@@ -206,13 +211,13 @@ class Gate:
         if near and t - self.last.t < JUDGEMENT_LASTS:
             return self.last
         rigid, required = tuple(tracked)[1:], self.nominal.margins
-        spread = judged(self.nominal, rigid, servo, gains).spread
+        spread = judged(self.nominal, rigid, servo, gains, self.fitted).spread
         if spread is None:
             self.last = Decision(t, False, gains, "the tracked estimate is not finite")
             return self.last
         missed = spread.below(required)
         reason = "; ".join(miss_words(spread, name, required) for name in missed)
-        legacy = judged(self.nominal, rigid, servo).spread if missed else None
+        legacy = judged(self.nominal, rigid, servo, None, self.fitted).spread if missed else None
         worse = legacy is not None and all(legacy.ends(name)[0] < spread.ends(name)[0] for name in missed)
         self.last = Decision(t, not missed or worse, gains, reason + ("; the legacy gains keep less" if worse else ""))
         return self.last

@@ -5,7 +5,7 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
-from any_law import LAWS, Vehicle, fly, law, truth
+from any_law import LAWS, STILL, Vehicle, fly, law, truth
 from scipy.linalg import expm
 
 import launchid
@@ -264,6 +264,20 @@ def test_damping_that_the_nominal_does_not_have_is_in_the_margins():
     assert held_within(found, truth(LAWS["pd"], vehicle), 2.0)
 
 
+@pytest.mark.campaign
+@pytest.mark.parametrize("alone", [False, True], ids=["with its nominal", "alone"])
+def test_the_joint_covariance_is_that_of_many_flights(alone):
+    """a6, k1 and damping of 24 flights: errors over their joint covariance are a chi square of three."""
+    distances = []
+    for seed in range(24):
+        found = launchid.margins(fly(LAWS["pd"], seed=100 + seed), None if alone else NOMINAL, window=10.0)
+        told = [window.window.known for window in found.windows if window.window.known is not None]
+        off = [known.mean[[0, 1, 5]] - [VEHICLE.a6, VEHICLE.k1, 0.0] for known in told]
+        distances.append(np.mean([x @ np.linalg.solve(known.covariance[np.ix_([0, 1, 5], [0, 1, 5])], x)
+                                  for x, known in zip(off, told, strict=True)]))
+    assert 1.5 < np.mean(distances) < 4.0
+
+
 @pytest.mark.parametrize("column", ["missing", "the command"])
 def test_a_servo_that_nobody_saw_is_estimated_from_the_motion(column):
     """Declared without delay, flown with 30 ms."""
@@ -293,6 +307,17 @@ def test_margins_out_of_a_log_alone_hold_the_truth():
         for x, margin in zip(right, (getattr(window.window.spread, each) for each in MARGIN_NAMES), strict=True):
             half = max(margin.high - margin.value, margin.value - margin.low, 2e-3)
             assert abs(x - margin.value) < 2.0 * half
+
+
+def test_a_flight_that_does_not_move_says_which_manoeuvre_would_tell():
+    """The reference stands: the low gain margin is undecided; with it moving, in one window of all, nothing is."""
+    still = launchid.margins(fly(LAWS["pd"], seed=3, duration=15.0, guidance=STILL), NOMINAL)
+    told = still.report["excitation"]
+    assert told["undecided"] > 0 and 0.0 < told["accuracy"] < 1.0 and told["length"] > 5.0
+    assert "launchid plan constant --accuracy" in still.summary()
+    whole = launchid.margins(fly(LAWS["pd"], seed=3, duration=BRIEF), NOMINAL, window="all")
+    assert len(whole.windows) == 1 and whole.report["excitation"] is None
+    assert held_within(whole, truth(LAWS["pd"]), 2.0)
 
 
 def test_several_flights_bear_the_same_gains():

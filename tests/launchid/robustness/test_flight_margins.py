@@ -223,7 +223,7 @@ def test_a_window_of_a_sudden_change_has_no_margins(made):
 def test_the_json_is_the_contracts(made):
     said = json.loads(made.to_json())
     assert list(said) == ["windows", "actuator", "below", "may_be_below", "findings", "assumed", "controller", "gains",
-                          "gains_of", "damping"]
+                          "gains_of", "damping", "excitation"]
     first = said["windows"][0]
     assert list(first) == ["t_start", "t_end", "valid", "status", *MARGIN_NAMES, "stable", "ms", "crossover",
                            "crossings", "controller", "tracked"]

@@ -10,6 +10,7 @@ import pytest
 from launchid.monte_carlo.campaign import Job, draw_jobs
 from launchid.robustness import montecarlo as mc
 from launchid.robustness import reconfigure as rc
+from launchid.robustness.flown import of_nominal
 from launchid.robustness.lft import lft_at
 from launchid.robustness.loops import loops, plants_of
 from launchid.robustness.margin_spread import margin_table
@@ -205,6 +206,14 @@ def test_an_estimate_that_is_not_sure_does_not_pass_where_a_sure_one_does():
     sure, not_sure = (rc.Gate(CONSTANT).judge(30.0, believed(2.0, -7.0 * 0.55, std), gains) for std in (0.02, 0.4))
     assert sure.adopted and not not_sure.adopted
     assert "required" in not_sure.reason
+
+
+def test_the_gate_judges_the_controller_that_a_log_told():
+    """One with the nominal's law decides as the nominal's; four times its gains are too much."""
+    gains, estimate = (2.6, 1.1), believed(2.0, -7.0)
+    same = dataclasses.replace(of_nominal(CONSTANT), controller=None)
+    assert rc.Gate(CONSTANT, same).judge(30.0, estimate, gains).adopted
+    assert not rc.Gate(CONSTANT, same).judge(30.0, estimate, (4.0 * gains[0], 4.0 * gains[1])).adopted
 
 
 def test_a_servo_that_may_be_slow_refuses_what_a_known_one_lets_pass():
