@@ -106,7 +106,8 @@ def flown(body: Body, rate: float, rng: np.random.Generator,
     curve, worn, drift, phase = (0.2, 0.1, 0.03, 6.0) * rng.uniform(size=4) if rough else np.zeros(4)
     late, out, acc = round(body.delay / STEP), np.empty((n, 3)), np.empty(n)
     sent = np.zeros(n)
-    typical = max(abs(body.k) * body.size * (abs(body.kp) if body.kp else 1.0) * 0.4, 0.3 * body.g * min(body.size, 1.0))
+    swings = 0.3 * body.g * min(body.size, 1.0)
+    typical = max(0.4 * abs(body.k) * body.size * (abs(body.kp) if body.kp else 1.0), swings)
     for i in range(n):
         if i % every == 0:
             u = (body.kp * (steps[i] - theta) - body.kd * omega) if body.kp else steps[i]
