@@ -10,6 +10,7 @@ from launchid_core import SLOWEST, Model, Oscillator
 from .disturbance_draws import sources
 from .effects import values
 from .effects.actuator import slowed
+from .effects.environment import gust_angle
 from .errors import InputError
 from .nominal import Nominal
 from .plant import gyro_shares, modes_of, packed, parameters
@@ -172,8 +173,7 @@ def _blown(blow: dict[str, float], t: np.ndarray) -> np.ndarray:
     """Return the wind angle (n,) [rad] at t (n,) [s] of a gust (with a time) or of a steady wind."""
     if "time" not in blow:
         return np.full(len(t), blow["angle"])
-    phase = (t - blow["time"]) / blow["duration"]
-    return np.where((phase >= 0.0) & (phase <= 1.0), 0.5 * blow["angle"] * (1.0 - np.cos(2.0 * np.pi * phase)), 0.0)
+    return np.array([gust_angle(blow["angle"], blow["time"], blow["duration"], at) for at in t])
 
 
 def _unknown(nominal: Nominal) -> dict[str, Any]:

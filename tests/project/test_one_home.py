@@ -52,6 +52,7 @@ HOMES = (
     Home("the estimator's model from a nominal", "sim/onboard.py", "onboard_model"),
     Home("a6 and k1 of a flight", "sim/plant.py", "parameters"),
     Home("a servo's step without input", "sim/vehicle/actuator.py", "free_servo"),
+    Home("a gust of one minus cosine", "sim/effects/environment.py", "gust_angle", r"1\.0 - (np|math)\.cos\("),
     Home("a cause, with its equation", "sim/effects/table.py", "Cause"),
     Home("the decorators of compiled code", "sim/kernels.py", "kernel", r"numba\.njit|from numba"),
 )
