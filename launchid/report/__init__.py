@@ -1,9 +1,11 @@
 """What users see of a result: its JSON, words, figures and pages.
 
-makers   `answer` (a command's result and its JSON), `page` (HTML), `curves` (a figure as curves that zoom), `folder` (a
-         report's files), `inline` (the script in a page); numbers in words are made by `launchid.formatting`
-results  `comparison`, `comparisons`, `flights`: what several commands return
-pages    `X_page` writes a report, `X_figures` draws, for each kind of result X
+makers   `answer` (a result and its JSON as text), `headline` (one sentence, and the next command), `page` (HTML),
+         `inline` (the script in a page), `folder` (a report's files), `curves` (a figure as curves that zoom),
+         `drawing` (what figures share)
+results  `identification` (JSON and words of judged windows), `comparison`, `comparisons`, `flights`
+X_page   writes the report of X;  X_figures  draws X;  `paper` repeats the paper's experiments, with their table
 
-A result knows its own figures; the rooms that compute know nothing of this one.
+Numbers with their deviation are put in words by `launchid.formatting`, which every room may use; this room stands above
+all that compute, and below the commands.
 """
