@@ -185,7 +185,7 @@ class Identification(Answer):
 
     def write_report(self, folder: str | Path) -> None:
         """Write report.html, identify.json and the figures into a folder."""
-        from ..report.window_pages import identify_report
+        from ..report.identify_page import identify_report
         identify_report(self, folder)
 
     def margins(self) -> FlightMargins:

@@ -249,11 +249,11 @@ class FlightMargins(Answer):
 
     def write_report(self, folder: str | Path) -> None:
         """Write report.html, margins.json and the figure into a folder."""
-        from ..report.window_pages import margins_report
+        from ..report.margins_page import margins_report
         margins_report(self, folder)
 
     def _figure(self) -> Figure:
-        from ..report.margin_figures import margins_figure
+        from ..report.margins_figures import margins_figure
         return margins_figure(self.log, self.nominal, self.windows, self.report)
 
 

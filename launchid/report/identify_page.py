@@ -1,4 +1,4 @@
-"""Write the reports of `identify` and `margins`: a table of windows, lines for the user, and figures."""
+"""Write the report of identify: a table of windows, lines for the user, and figures."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -6,10 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sim.errors import InputError
-from sim.sections import Required
 
 from ..formatting import with_std
-from ..robustness.flight_margins import MARGIN_NAMES, closing_lines, gain_lines, heads, margin_words
 from .folder import Picture, paragraphs, write_report
 from .headline import closing
 from .page import table, text
@@ -18,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..commands.identify import Identification
-    from ..commands.margins import FlightMargins
 
 COEFFICIENTS = ("a6", "k1")
 IDENTIFY_WORDS = (
@@ -29,15 +26,6 @@ IDENTIFY_WORDS = (
     ("whiteness", "the probability that residuals as correlated as these come from white noise: below 0.001 the model "
                   "lacks something"),
     ("predicts", "the share of the variance of left-out rows that the model explains"))
-MARGIN_WORDS = (
-    ("gain, low", "how far the loop's gain may fall before the vehicle is unstable (aerodynamic margin)"),
-    ("gain, high", "how far the loop's gain may rise before the vehicle is unstable"),
-    ("phase", "the smallest phase margin of all crossovers"),
-    ("delay", "the delay that the loop still bears"),
-    ("modulus margin", "the least distance |1 + L| from the critical point; its inverse Ms is the largest sensitivity"),
-    ("disk margin", "2 min |1 + L|/|1 - L|: gain and phase may move at once, by any factor of that disk"),
-    ("P(stable)", "the probability that the loop as identified is stable"),
-    ("interval", "95 %, from the covariance of a6, k1 and the servo's numbers"))
 
 
 def _number(x: float | None) -> str:
@@ -85,32 +73,3 @@ def _residuals(found: "Identification") -> "Figure | None":
 def _columns(found: "Identification") -> "Figure":
     from .log_figures import logs_figure, looked_at
     return logs_figure([looked_at(found.log)])
-
-
-def margins_report(found: "FlightMargins", folder: str | Path) -> None:
-    """Write report.html, margins.json and the figure of a flight's margins into a folder."""
-    said = found.report
-    rows, chosen = [], []
-    for window in said["windows"]:
-        for of, one in (("window", window), *((("tracked", window["tracked"]),) if "tracked" in window else ())):
-            stable = one["stable"]["probability"]
-            rows.append([f"{window['t_start']:g} .. {window['t_end']:g}", of, text(one["status"]),
-                         *(text(margin_words(one[name], name)) for name in MARGIN_NAMES),
-                         "-" if stable is None else f"{stable:.4f}"])
-            chosen.append(any(each["t_start"] == window["t_start"] and each["estimate"] == of
-                              for each in said["below"] + said["may_be_below"]))
-    lines = [*closing_lines(said), *gain_lines(said), *(said[key] for key in ("why", "next") if key in said),
-             *said["findings"], *(f"assumed: {each}" for each in said["assumed"]), *found.warnings]
-    required = Required() if found.nominal is None else found.nominal.margins
-    whose = "the log alone" if found.nominal is None else f"nominal {found.nominal.name}"
-    first = "".join(f"<p>{text(line)}</p>" for line in lines) + paragraphs(
-        [f"Required: {required.words}; bold: below it, or perhaps."])
-    first += table(["window [s]", "of", "status",
-                    *heads(), "P(stable)"],
-                   rows, chosen)
-    pictures = {"margins.png": Picture("Margins over the flight, and the last loop",
-        "Left: margins with 95 % intervals, and what is required. Right: the last window that has margins, as Nichols "
-        "chart and Bode plot, beside the nominal's loop and those of its declared ranges.", found._figure)}
-    write_report(folder, f"Stability margins of {Path(found.log.path).name}",
-                 f"launchid margins: windows of {found.config.window:g} s, {whose}", first,
-                 [("Figures", [pictures])], ("margins.json", found.to_json()), glossary=MARGIN_WORDS)
