@@ -1,10 +1,9 @@
-"""The effects of the second stage by their laws: chance as the nominal's [wind] has it, drift as [drift], nozzle
-inertia against matrix exponentials, a slope about its middle.  (Neutral to the bit and from text: `test_effects`.)
+"""Effects of the world outside, and servos, by their laws.
 
-Servos of any speed and of either order: the exact step against the matrix exponential, flights, diagnosis, bound.
-
-A servo of 60 rad/s may be written as one of second order with a second pole at 5,000 rad/s, and one that is none as one
-of 60,000 rad/s: it is the same vehicle, whatever the step.
+Chance is as [wind] has it, drift as [drift]; nozzle inertia, and servos of any speed and either order, are compared
+with matrix exponentials; a slope turns about its middle. A servo of 60 rad/s may be written with a second pole at 5,000
+rad/s, and one that is none as one of 60,000 rad/s: it is the same vehicle. (Neutral to the bit and from text:
+`test_effects`.)
 """
 
 import dataclasses

@@ -1,8 +1,6 @@
-"""Misuse of `import launchid`, one line each: what is no log, no nominal, no path, no number; nothing is computed.
+"""Misuse of `import launchid` gets one line that names the remedy, as InputError or UsageError; nothing is computed.
 
-InputError or UsageError, whatever a user hands over; a TypeError out of the depths tells nobody what to do.
-
-Mistakes that a user makes on the first day get one line that names the remedy.
+A TypeError out of the depths tells nobody what to do.
 """
 
 import datetime

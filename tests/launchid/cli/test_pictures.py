@@ -1,9 +1,4 @@
-"""The numbers of the residuals, and their picture.
-
-Curves on a page: what of a figure is drawn again by the browser, and that a page holds all it needs.
-
-`launchid show`: logs drawn over each other, with what the data check finds; and `compare` as a command.
-"""
+"""Pictures: residuals and their numbers, curves that a page draws again, `launchid show`, `compare` as a command."""
 
 import json
 import re

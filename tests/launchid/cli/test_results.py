@@ -1,6 +1,5 @@
-"""Every result of `import launchid`: summary, plot, frame and a notebook's page, one test a result.
-
-What was identified as python-control's systems: poles, responses, covariance, refusals.
+"""Every result of `import launchid`: summary, plot, frame and a notebook's page, one test a result; what was identified
+as python-control's systems.
 """
 
 import functools

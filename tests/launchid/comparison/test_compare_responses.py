@@ -1,6 +1,7 @@
-"""Frequency responses: scipy's coherence, python-control's responses, the share of frequencies inside the interval.
+"""Frequency responses and statistics of a comparison, against scipy and python-control, and by their definitions.
 
-Fit, Theil's coefficient and its shares: by their definition on series made by hand, then their laws.
+The coherence is scipy's, responses are python-control's; fit, Theil's coefficient and its shares are computed by hand
+on series, then by their laws.
 """
 
 import dataclasses

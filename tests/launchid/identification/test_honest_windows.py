@@ -1,11 +1,8 @@
-"""Windows without a nominal: standard deviations that hold, refusals where a number would lie, limits of absent terms.
+"""Windows tell the truth about themselves, with a nominal and without one.
 
-The law of the covariance is numpy's.
-
-The check of the model keeps its promise at every rate: a clean flight is not contradicted.
-
-The flights are of `benchmarks/rates.py`; those by seed were contradicted while a block was ten samples.  `campaign`: of
-the windows of a hundred, 1 %.
+Without: standard deviations that hold (the law of the covariance is numpy's), refusals where a number would lie, limits
+of absent terms. With: a clean flight is not contradicted, at any rate. Those flights are of `benchmarks/rates.py`;
+`campaign`: of the windows of a hundred, 1 % may be.
 """
 
 import dataclasses

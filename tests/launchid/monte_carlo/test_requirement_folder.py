@@ -1,7 +1,7 @@
-"""A campaign's flights and its folder: what is drawn and measured, the same bytes whoever flew it and however often it
-was interrupted, parts that are merged, the verdict that stands there.
+"""A campaign: its flights, its folder, and the proof of a requirement.
 
-The proof by flights: the numbers of the literature, a confidence that holds under stopping, its words.
+The folder has the same bytes whoever flew it and however often it was interrupted; parts are merged. The proof has the
+numbers of the literature, and a confidence that holds under stopping.
 """
 
 import dataclasses

@@ -1,6 +1,5 @@
-"""The command's bytes do not depend on locale, time zone, hash seed, or the encoding of the terminal.
-
-An orthonormal basis of columns, those that depend on others being 0.
+"""The same bytes anywhere: whatever locale, time zone, hash seed or encoding of the terminal; sums and orthonormal
+bases in one order.
 """
 
 import os

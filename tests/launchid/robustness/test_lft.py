@@ -1,6 +1,6 @@
-"""The LFT: exact at any delta, against the loop perturbed by hand and python-control's; each delta once.
+"""The LFT is exact at any delta, and the range fitted to flights holds the share that it promises.
 
-The grey box: factors against the tables, the range holds the share it promises, the command.
+The LFT is compared with the loop perturbed by hand and with python-control's; the range's factors with tables.
 """
 
 import math
