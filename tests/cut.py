@@ -35,7 +35,7 @@ def cut_of(config: Config) -> Cut:
         onboard.restart_filtered(memory.seen, memory.apart["rows"], memory.words)
     else:
         regression.restart_regression(memory.seen, memory.words, first_state(config.seed))
-    return Cut(memory.parts.fixed, memory.parts.state, memory.parts.work, memory.apart, memory)
+    return Cut(memory.parts.fixed, memory.parts.state, memory.parts.work, memory.given, memory)
 
 
 def fed(estimator: Estimator, samples: Iterable[Sample]) -> Estimator:
@@ -48,8 +48,9 @@ def fed(estimator: Estimator, samples: Iterable[Sample]) -> Estimator:
 def take(cut: Cut, row: np.ndarray) -> None:
     """One sample into the filter."""
     state, apart = cut.state, cut.apart
-    unjitted(filter_sample)(cut.fixed.belief, apart["profile"], apart["air"], state.filter, cut.work.filter, state.acc,
-                            apart["rows"], state.check, row, 0.015)
+    unjitted(filter_sample)(cut.fixed.belief, apart["profile"], apart["air"], apart["modes"], apart["known"],
+                            apart["shown"], state.filter, cut.work.filter, state.acc, apart["rows"], state.check, row,
+                            0.015)
 
 
 def scratch(struct: Struct, terms: int) -> Any:

@@ -292,6 +292,8 @@ class Facts:
         if len(node.ops) > 1:
             return None
         right = node.comparators[0]
+        if isinstance(node.ops[0], ast.Is | ast.IsNot):  # None: an array that is left out, here of no elements
+            return (0 in extents_of(self(node.left), 1)) == isinstance(node.ops[0], ast.Is)
         if isinstance(right, ast.Tuple):
             return self._both(node.ops[0], self.number(node.left), [self.number(each) for each in right.elts])
         a, b = self.options(node.left), self.options(right)

@@ -221,7 +221,8 @@ class Inference:
         return TRUTH if isinstance(node.op, ast.Not) else INTEGER if kind == TRUTH else kind
 
     def _of_compare(self, node: ast.Compare) -> Kind:
-        for each in (node.left, *node.comparators):
+        is_absence = isinstance(node.ops[0], ast.Is | ast.IsNot)
+        for each in (node.left,) if is_absence else (node.left, *node.comparators):
             self.of(each)
         return TRUTH
 

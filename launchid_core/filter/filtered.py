@@ -130,12 +130,13 @@ def reduce_rows(block, rows):
     n, c = size.states, size.columns
     work.triangle[:, :] = 0.0
     absorb_rows(work.triangle[:], rows, c, acc.counts.rows)
-    for j in range(n):
-        columns[j] = j
-    columns[n], columns[n + 1], columns[n + 2] = n + size.theta, n + size.beta, c - 1
-    work.pair[:, :] = 0.0
-    absorb_columns(work.pair[:], work.triangle[:], columns, size.pair, c, work.scratch[:])
-    reduce_pair(size, work)
+    if size.numbers == 0:  # else `update_numbers` does so
+        for j in range(n):
+            columns[j] = j
+        columns[n], columns[n + 1], columns[n + 2] = n + size.theta, n + size.beta, c - 1
+        work.pair[:, :] = 0.0
+        absorb_columns(work.pair[:], work.triangle[:], columns, size.pair, c, work.scratch[:])
+        reduce_pair(size, work)
     carry_columns(state.filter.s[:], n, acc.psi[:], n, work.column[:])
     queue_block(state.check, state.filter.level, state.filter.p_bar, state.bank.total)
 
@@ -181,25 +182,24 @@ def measured(belief, row, channel):
 
 
 @inner
-def doubt_of_prediction(belief, fil, work, channel):
-    """Return the variance that what is not known of servo and modes adds to a channel's prediction."""
-    size, doubt, out = belief.size, 0.0, work.out[:]
-    if size.servo + size.numbers > 0:
-        kf.apply_h(belief, fil.s[:], channel, out, size.sensitivities)
-        if size.servo > 0:
-            doubt = sv.doubt_of(size, fil.servo, out[size.servo_at:])
-        if size.numbers > 0:
-            doubt += md.doubt_of_modes(belief, fil.modes, out[size.number_at:])
+def doubt_of_prediction(belief, modes, fil, out):
+    """Return the variance that what is not known of servo and modes adds to a prediction of sensitivities `out`."""
+    doubt = 0.0
+    if belief.size.servo > 0:
+        doubt = sv.doubt_of(belief.size, fil.servo, out[belief.size.servo_at:])
+    if modes is not None:
+        doubt += md.doubt_of_modes(belief, fil.modes, out[belief.size.number_at:])
     return doubt
 
 
 @inner
-def prediction_of(belief, fil, work, channel, z):
-    """Return z - H x and H P H' of a channel."""
-    partner = belief.partner[channel]
-    if belief.size.shows == 1:
-        kf.apply_h(belief, fil.p[:], channel, work.column[:], belief.size.states)
-        return z - kf.shown_of(belief, fil.x[:], channel), kf.shown_of(belief, work.column[:], channel)
+def prediction_of(belief, shown, fil, work, channel, z):
+    """Return z - H x and H P H' of a channel; P H' into work.column."""
+    partner, bendings = belief.partner[channel], belief.size.modes - belief.size.sloshes
+    kf.apply_h(belief, shown, fil.p[:], bendings, channel, work.column[:], belief.size.states)
+    if shown is not None:
+        return (z - kf.shown_of(belief, shown, fil.x[:], bendings, channel),
+                kf.shown_of(belief, shown, work.column[:], bendings, channel))
     e, predicted = z - fil.x[channel], fil.p[channel, channel]
     if partner >= 0:
         e -= fil.x[partner]
@@ -208,7 +208,16 @@ def prediction_of(belief, fil, work, channel, z):
 
 
 @inner
-def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_gap):
+def note_unknown(size, check, channel, out, scale):
+    """Add to the block's check what a measurement depends on servo and modes' numbers, in its standard deviations."""
+    for j in range(size.servo):
+        check.servo[channel, j] += out[size.servo_at + j] * scale
+    for j in range(size.numbers):
+        check.numbers[channel, j] += out[size.number_at + j] * scale
+
+
+@inner
+def filter_sample(belief, profile, air, modes, known, shown, fil, work, acc, rows, check, row, max_gap):
     """Predict to a `row` of the ring, correct by its measurements; its whitened innovations join the block's `rows`."""
     t = row[T]
     if kf.begins_anew(belief, fil, t, max_gap):
@@ -223,12 +232,12 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
             for j in range(belief.size.columns):
                 acc.window[i, j] = 0.0
         set_identity(belief.size, acc.psi)
-        if belief.size.modes > 0:
-            md.start_modes(belief, air, fil)
+        if modes is not None:
+            md.start_modes(belief, modes, shown, fil)
         believe_nuisances(belief, fil, acc, t)
         forget_blocks(check)
     else:
-        kf.predict(belief, profile, air, fil, work, t, row[BETA_CMD], row[GAMMA])
+        kf.predict(belief, profile, air, modes, known, fil, work, t, row[BETA_CMD], row[GAMMA])
     n, last = belief.size.states, belief.size.sensitivities
     theta, beta = n + belief.size.theta, n + belief.size.beta
     for channel in range(3):
@@ -237,15 +246,16 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
         z = measured(belief, row, channel)
         r = belief.variance[channel] * exp_of(2.0 * fil.level[channel])
         out = work.out[:]
-        doubt = doubt_of_prediction(belief, fil, work, channel)
-        e, predicted = prediction_of(belief, fil, work, channel, z)
+        kf.apply_h(belief, shown, fil.s[:], belief.size.modes - belief.size.sloshes, channel, out, last)
+        doubt = doubt_of_prediction(belief, modes, fil, out)
+        e, predicted = prediction_of(belief, shown, fil, work, channel, z)
         outlier = e * e > kf.OUTLIER * kf.OUTLIER * (predicted + (r + doubt))
         fil.outliers[channel] = fil.outliers[channel] + 1 if outlier else 0
         fil.note.outliers += int(outlier)
         if outlier:
             continue
         variance = predicted + r  # S
-        kf.correct(belief, fil, work, channel, e, variance, r, acc.score, acc.information)
+        kf.correct(belief, shown, fil, work, channel, e, variance, r, acc.score, acc.information)
         scale = 1.0 / np.sqrt(variance)
         k = acc.counts.rows
         for j in range(last):
@@ -256,12 +266,9 @@ def filter_sample(belief, profile, air, fil, work, acc, rows, check, row, max_ga
         check.for_a6[channel] += out[theta] * scale
         check.for_k1[channel] += out[beta] * scale
         check.seen[channel] += 1
-        for j in range(belief.size.servo):
-            check.servo[channel, j] += out[belief.size.servo_at + j] * scale
-        for j in range(belief.size.numbers):
-            check.numbers[channel, j] += out[belief.size.number_at + j] * scale
+        note_unknown(belief.size, check, channel, out, scale)
     acc.counts.samples += 1
-    kf.take_command(belief, fil, row[BETA_CMD])
+    kf.take_command(belief, known, fil, row[BETA_CMD])
 
 
 @inner

@@ -6,8 +6,9 @@ x         state (n,): theta, theta_dot, beta, beta_dot, r nuisances (`model.WALK
 P         its covariance (n, n);  F  transition over a sample;  K  gain;  S = H P H' + r  variance of an innovation e
 s         derivative (n, ...) of the predicted state for an offset at the block's start (n columns), each library term
           of theta_ddot, what is not known of the servo (`servo`), and what no model has (N_TESTS columns)
-sx, sp    derivatives of x and P for the log noise levels
-H         1 at the measured channel and at its offset's state, `partner`; what it shows of others: `Belief.shown`
+sx, sp    derivatives of x and P for the log noise levels, of all states but bending: what the levels do to that is left
+          out of the score, whose mean is 0 at the true levels with any derivatives
+H         1 at the measured channel and at its offset's state, `partner`; what it shows of others: `shown`
 
 The innovation obeys e = H s (p - p_bar) + white noise, a linear regression that neither the nozzle sensor's noise nor
 unmodelled accelerations bias: Ljung, System Identification, 2nd ed., section 9.4; Gupta & Mehra, IEEE TAC 19, 1974.
@@ -109,7 +110,7 @@ def delayed_input(constant, fil):
 
 
 @inner
-def take_command(belief, fil, command):
+def take_command(belief, known, fil, command):
     """Shift a command into the history: only as far as the delay needs, or all of it where it is not known."""
     constant = belief.constant
     depth = min(int(constant.delay / constant.controller_period) + 1, sx.MAX_DELAY_SAMPLES - 1)
@@ -118,7 +119,7 @@ def take_command(belief, fil, command):
     for k in range(depth, 0, -1):
         fil.command[k] = fil.command[k - 1]
     fil.command[0] = constant.command_gain * command + constant.command_offset
-    if belief.size.shaped == 1:
+    if known is not None:
         kn.shape_command(belief, fil)
 
 
@@ -140,7 +141,7 @@ def acting_command(belief, fil):
 
 @inner
 def add_drives(belief, fil, work, age):
-    """Add to the sensitivities what terms, tests and modes' numbers do over the step, its middle `age` [s] after the
+    """Add to the sensitivities what terms and tests do over the step, its middle `age` [s] after the
     first sample."""
     n, h, reach = belief.size.states, fil.step.h, fil.step.reach
     for j in range(belief.size.terms):
@@ -152,15 +153,13 @@ def add_drives(belief, fil, work, age):
         fil.s[i, test + sx.SLOPE_K1] += age * work.drive[i, belief.size.beta]
     fil.s[0, test + sx.MOMENT_TEST] += 0.5 * h * reach
     fil.s[1, test + sx.MOMENT_TEST] += reach
-    for j in range(belief.size.numbers):
-        for i in range(n):
-            fil.s[i, belief.size.number_at + j] += work.number_drive[j, i]
 
 
 @inner
-def predict(belief, profile, air, fil, work, t, command, gamma):
+def predict(belief, profile, air, modes, known, fil, work, t, command, gamma):
     """Propagate to t [s]: x = F x + B u, s = F s + drive, P = F P F' + Q.
 
+    modes, known          None where the model has none: then nothing of them is compiled
     command, gamma [rad]  of the sample at t;  of an estimated servo `set_servo_step` has set the step
     """
     h, constant = t - fil.time.last, belief.constant
@@ -175,7 +174,7 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     drive_terms(belief, fil, work, a6, k1, u, known_air)
     fill_push(belief, a6, k1, work.push)
     believed_a6, believed_k1 = a6 * (1.0 + fil.p_bar[sx.A6]), k1 * (1.0 + fil.p_bar[sx.K1])
-    known = believed_a6 * known_air + believed_k1 * constant.lean
+    acceleration = believed_a6 * known_air + believed_k1 * constant.lean
     believed_k1 += believed_a6 * inertia  # of theta less what the nozzle's inertia turns it by
     f, g = work.transition[:], work.transition[:]
     fill_transition(belief, fil, f, believed_a6, believed_k1, work.push)
@@ -183,28 +182,28 @@ def predict(belief, profile, air, fil, work, t, command, gamma):
     if constant.held == 1.0:  # P moves with the nominal's F
         g, gain_k1 = work.steady[:], k1 + a6 * inertia
         fill_transition(belief, fil, g, a6, gain_k1, work.push)
-    if belief.size.modes > 0:
+    if modes is not None:
         md.fill_modes(belief, fil, f)
         if constant.held == 1.0:
             md.fill_modes(belief, fil, g)
         md.drive_numbers(belief, fil, work, u, change)
         md.advance_modes(belief, fil, work, f, u, change)
     sv.drive_servo(belief, fil, work, believed_k1, u, change)
-    if belief.size.known == 1:
-        known += kn.known_acceleration(belief, air, fil, work, a6, believed_a6, known_air)
-    advance_state(belief, fil, work, f, believed_k1, u, known)             # x = F x + B u
-    if belief.size.known == 1:
+    if known is not None:
+        acceleration += kn.known_acceleration(belief, known, fil, work, a6, believed_a6, known_air)
+        kn.limit_rate(belief, fil, work, u)
+    advance_state(belief, fil, f, believed_k1, u, acceleration)  # x = F x + B u
+    if modes is not None:
+        md.push_by_slosh(fil, work)
+    if known is not None:
+        kn.add_limit(belief, fil, work, believed_k1)
         kn.tilt_transitions(belief, fil, work, f, g)
-    propagate_columns(belief, work, f, fil.s[:], belief.size.sensitivities)   # s = F s + drive
+    advance_uncertainty(belief, modes, fil, work, f, g)          # s = F s, P = F P F'
     if belief.size.servo > 0:
         sv.add_change(belief, fil, work, k1, believed_k1, change)
-    add_drives(belief, fil, work, t - 0.5 * h - fil.time.first)
-    propagate_columns(belief, work, f, fil.sx[:], belief.size.levels)
-    propagate_symmetric(belief, work, g, fil.p[:])   # P = F P F' + Q, and its derivatives for the noise levels
-    for k in range(belief.size.levels):
-        propagate_symmetric(belief, work, g, fil.sp[k])
+    add_drives(belief, fil, work, t - 0.5 * h - fil.time.first)  # s = s + drive, P = P + Q
     add_process_noise(belief, fil, a6, gain_k1, command_variance, command)
-    if belief.size.modes > 0:
+    if modes is not None:
         add_mode_noise(belief, fil, work, gain_k1, command_variance)
     fil.time.last = t
 
@@ -224,43 +223,54 @@ def begins_anew(belief, fil, t, max_gap):
 
 
 @inner
-def apply_h(belief, matrix, channel, shown, m):
-    """Compute H M, H being 1 at the channel and at its offset, and `Belief.shown` elsewhere.  shown (m,) out"""
-    partner = belief.partner[channel]
-    for j in range(m):
-        shown[j] = matrix[channel, j]
-    if partner >= 0:
-        for j in range(m):
-            shown[j] += matrix[partner, j]
-    if belief.size.shows == 1:
-        for k in range(belief.size.states):
-            share = belief.shown[channel, k]
-            if share != 0.0:
-                for j in range(m):
-                    shown[j] += share * matrix[k, j]
+def shown_state(size, channel, place):
+    """Return the state that a channel shows in this place: the nozzle's angle or rate, then each bending mode's."""
+    return 2 + channel if place == 0 else size.mode_at + 2 * (size.sloshes + place - 1) + channel
 
 
 @inner
-def shown_of(belief, y, channel):
-    """Return H y of a vector y (n,)."""
+def apply_h(belief, shown, matrix, bendings, channel, out, m):
+    """Compute H M, H being 1 at the channel and at its offset, and `shown` elsewhere, of so many bending modes.
+
+    shown (channels, n)  in   what each channel shows of the states; None: of no others
+    out (m,)             out
+    """
+    partner = belief.partner[channel]
+    for j in range(m):
+        out[j] = matrix[channel, j]
+    if partner >= 0:
+        for j in range(m):
+            out[j] += matrix[partner, j]
+    if shown is not None:
+        for place in range(1 + bendings if channel < 2 else 0):
+            k = shown_state(belief.size, channel, place)
+            share = shown[channel, k]
+            for j in range(m):
+                out[j] += share * matrix[k, j]
+
+
+@inner
+def shown_of(belief, shown, y, bendings, channel):
+    """Return H y of a vector y, as `apply_h`."""
     partner = belief.partner[channel]
     total = y[channel] + (y[partner] if partner >= 0 else 0.0)
-    if belief.size.shows == 1:
-        for k in range(belief.size.states):
-            total += belief.shown[channel, k] * y[k]
+    if shown is not None:
+        for place in range(1 + bendings if channel < 2 else 0):
+            k = shown_state(belief.size, channel, place)
+            total += shown[channel, k] * y[k]
     return total
 
 
 @inner
-def correct_level(belief, fil, work, k, channel, r, e, variance):
+def correct_level(belief, shown, fil, work, k, channel, r, e, variance):
     """Derivative of one measurement update for noise level k: dK = (dP h - K dS)/S and what follows from it.
 
     Uses de[k], gain and column of `work`; dv[k] out.
     """
-    sp, n = fil.sp[k], belief.size.states
+    sp, n = fil.sp[k], belief.size.acting
     y = work.shown[:]
-    apply_h(belief, sp, channel, y, n)
-    ds = shown_of(belief, y, channel) + (2.0 * r if k == channel else 0.0)
+    apply_h(belief, shown, sp, 0, channel, y, n)
+    ds = shown_of(belief, shown, y, 0, channel) + (2.0 * r if k == channel else 0.0)
     work.dv[k] = ds / variance
     for i in range(n):
         work.slope[i] = (y[i] - work.gain[i] * ds) / variance
@@ -272,26 +282,24 @@ def correct_level(belief, fil, work, k, channel, r, e, variance):
 
 
 @inner
-def correct(belief, fil, work, channel, e, variance, r, score, information):
+def correct(belief, shown, fil, work, channel, e, variance, r, score, information):
     """Update with one scalar measurement of noise variance r: e = z - H x, S = H P H' + r (`variance`), K = P H'/S.
 
-    work.out: H s.
+    work.column, work.out  in  P H', H s
     score (L,), information (L, L) inout: Fisher scoring of the log noise levels,
     d ln L = - sum (e de/S + (1 - e^2/S) dS/(2 S)), expected information de de'/S + dS dS'/(2 S^2).
     """
     x, p, s, size = fil.x, fil.p, fil.s, belief.size
     n, levels = size.states, size.levels
-    apply_h(belief, p[:], channel, work.column[:], n)         # P H'
-    apply_h(belief, s[:], channel, work.out[:], size.sensitivities)   # H s
     if channel == 1:
         work.out[size.sensitivities - sx.N_TESTS + sx.GYRO_TEST] += 1.0
     for i in range(n):
         work.gain[i] = work.column[i] / variance               # K
     surplus = 1.0 - e * e / variance
-    apply_h(belief, fil.sx[:], channel, work.seen[:], levels)
+    apply_h(belief, shown, fil.sx[:], 0, channel, work.seen[:], levels)
     for k in range(levels):
         work.de[k] = -work.seen[k]
-        correct_level(belief, fil, work, k, channel, r, e, variance)
+        correct_level(belief, shown, fil, work, k, channel, r, e, variance)
         score[k] -= e * work.de[k] / variance + 0.5 * surplus * work.dv[k]
     for k in range(levels):
         for m in range(levels):
@@ -460,44 +468,61 @@ def propagate_sensitivities(f, n, s, columns):
 
 
 @inner
-def propagate_columns(belief, work, f, m, columns):
-    """m <- F m for all rows and so many columns of m inout."""
-    if belief.size.modes > 0:
-        md.advance_columns(belief, f, m, columns, work.mode_push[:])
-    propagate_sensitivities(f, sx.N_STATES + belief.size.nuisances, m, columns)
-    if belief.size.modes > 0:
-        md.add_push(m, columns, work.mode_push[:])
+def advance_columns(size, modes, now, f, m, columns, push):
+    """m <- F m for the rows of the rigid body and of so many modes, and so many columns of m inout.
+
+    now  numbers of the modes;  push (2, >=columns): scratch
+    """
+    md.advance_columns(size, modes, now, f, m, columns, push)
+    propagate_sensitivities(f, size.mode_at, m, columns)
+    md.add_push(m, columns, push)
 
 
 @inner
-def propagate_symmetric(belief, work, f, p):
-    """p <- F p F' of a symmetric p inout; with modes as F (F p)'."""
-    n = belief.size.states
-    if belief.size.modes == 0:
-        propagate_covariance(f, n, p, work.matrix)
-        return
-    propagate_columns(belief, work, f, p, n)
+def advance_symmetric(size, modes, now, f, p, push):
+    """p <- F p F' = F (F p)' of a symmetric p inout, with so many modes.  Arguments as `advance_columns`"""
+    n = size.mode_at + 2 * modes
+    advance_columns(size, modes, now, f, p, n, push)
     md.transpose(p, n)
-    propagate_columns(belief, work, f, p, n)
+    advance_columns(size, modes, now, f, p, n, push)
     md.mirror(p, n)
+
+
+@inner
+def advance_uncertainty(belief, modes, fil, work, f, g):
+    """Advance what is not known by one step without its noise: sensitivities by f, covariance by g, and of both their
+    derivatives for the noise levels, of the states but bending.  modes  None: the model has none"""
+    size, now, push = belief.size, fil.modes.now[:], work.mode_push[:]
+    if modes is None:
+        propagate_sensitivities(f, size.states, fil.s[:], size.sensitivities)
+        propagate_covariance(g, size.states, fil.p[:], work.matrix)
+    else:
+        advance_columns(size, size.modes, now, f, fil.s[:], size.sensitivities, push)
+        advance_symmetric(size, size.modes, now, g, fil.p[:], push)
+        md.add_number_drives(belief, fil, work)
+    if modes is None or size.sloshes == 0:
+        propagate_sensitivities(f, size.acting, fil.sx[:], size.levels)
+        for k in range(size.levels):
+            propagate_covariance(g, size.acting, fil.sp[k], work.matrix)
+    else:
+        advance_columns(size, size.sloshes, now, f, fil.sx[:], size.levels, push)
+        for k in range(size.levels):
+            advance_symmetric(size, size.sloshes, now, g, fil.sp[k], push)
 
 
 @inner
 def add_mode_noise(belief, fil, work, k1, command_variance):
     """Process noise of one step that reaches the modes: the command's, and the doubt of their frequencies."""
     md.add_bending_noise(belief, fil, work, k1, command_variance, 0, fil.p[:])
-    md.add_bending_noise(belief, fil, work, k1, 2.0 * command_variance, 0, fil.sp[sx.COMMAND_NOISE])
     if belief.constant.missing > 0.0:
         md.add_bending_noise(belief, fil, work, k1, fil.jump, 1, fil.p[:])
     md.add_doubt(belief, fil, work)
 
 
 @inner
-def advance_state(belief, fil, work, f, k1, u, known):
+def advance_state(belief, fil, f, k1, u, known):
     """Advance the state by one step.  u [rad] command, `known` [rad/s^2] acceleration, both held."""
     x, h, reach = fil.x, fil.step.h, fil.step.reach
-    if belief.rate_limit > 0.0:
-        kn.limit_rate(belief, fil, work, u)
     y0, y1, y2, y3 = x[0], x[1], x[2], x[3]
     b0, b1 = k1 * fil.step.twice[2], k1 * fil.step.once[2]
     x[0] = f[0, 0] * y0 + f[0, 1] * y1 + f[0, 2] * y2 + f[0, 3] * y3 + b0 * u
@@ -510,11 +535,6 @@ def advance_state(belief, fil, work, f, k1, u, known):
         x[0] += f[0, k] * x[k]
         x[1] += f[1, k] * x[k]
         x[k] *= f[k, k]
-    if belief.size.modes > 0:
-        x[0] += work.slosh[0]
-        x[1] += work.slosh[1]
-    if belief.rate_limit > 0.0:
-        kn.add_limit(belief, fil, work, k1)
 
 
 @inner

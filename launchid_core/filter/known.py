@@ -26,6 +26,9 @@ LEAST_SPREAD = 1.0e-9       # rad, rad/s: of what a sign is of
 # belief.command (f8): half width of the play [rad], time constants of lag and wash-out [s]; 0: none
 HALF_WIDTH, LAG, WASHOUT = range(3)
 N_COMMAND_PATH = 3
+# a row of the known acceleration's nodes (f8): time [s], acceleration [rad/s^2]
+NODE_T, NODE_MOMENT = range(2)
+N_KNOWN_NODE = 2
 # slope (f8) of the known acceleration for theta, theta_dot, beta
 N_SLOPES = 3
 
@@ -48,14 +51,17 @@ def term_value(code, theta, theta_dot, beta, spread):
 
 
 @inner
-def known_acceleration(belief, air, fil, work, a6, believed_a6, known_air):
+def known_acceleration(belief, nodes, fil, work, a6, believed_a6, known_air):
     """Return the known acceleration [rad/s^2] over the step; its slopes into work.known, a6's part into its drive.
 
+    nodes (n, N_KNOWN_NODE)  of what is known in time
     a6, believed_a6 [1/s^2]  the nominal's, and as believed;  known_air [rad]  what is known of alpha beside theta
     """
+    if belief.size.known == 0:
+        return 0.0
     h, x, reach = fil.step.h, fil.x, fil.step.reach
     middle = fil.time.last + 0.5 * h
-    total = sx.air_at(air, sx.AIR_MOMENT, middle) if belief.constant.airy == 1.0 else 0.0
+    total = sx.air_at(nodes, NODE_MOMENT, middle)
     for j in range(belief.size.sines):
         sine = belief.sines[j]
         swept = sine[1] * h  # the mean over the step is sin(swept/2)/(swept/2) of the value at its middle
@@ -93,6 +99,8 @@ def known_acceleration(belief, air, fil, work, a6, believed_a6, known_air):
 @inner
 def tilt_transitions(belief, fil, work, f, g):
     """Add what the known acceleration's slopes do over the step to the transitions f, and g where it is another."""
+    if belief.size.known == 0:
+        return
     h, reach, slope = fil.step.h, fil.step.reach, work.known
     row = (slope[0], slope[1] + 0.5 * h * slope[0], slope[2], 0.5 * h * slope[2])
     for j in range(sx.N_STATES):
@@ -146,6 +154,8 @@ def limited_path(belief, fil, u, limit, reach, out):
 def limit_rate(belief, fil, work, u):
     """What the limit of the servo's rate takes from the nozzle over the step, into work.limited (4,): as
     `limited_path`; zeros where it is not reached."""
+    if belief.rate_limit == 0.0:
+        return
     free, limited = work.unlimited[:], work.limited[:]
     beyond = limited_path(belief, fil, u, belief.rate_limit, belief.rate_reach, limited)
     limited_path(belief, fil, u, np.inf, np.inf, free)
@@ -156,6 +166,8 @@ def limit_rate(belief, fil, work, u):
 @inner
 def add_limit(belief, fil, work, k1):
     """Add what `limit_rate` found to the state, moved as if there were no limit, and to the drive of k1."""
+    if belief.rate_limit == 0.0:
+        return
     for i in range(2):
         fil.x[i] += k1 * work.limited[i]
         fil.x[2 + i] += work.limited[2 + i]
@@ -166,7 +178,7 @@ def add_limit(belief, fil, work, k1):
 def shape_command(belief, fil):
     """The newest command passes play, lag and wash-out; a command that is not known moves none of them."""
     u, h, path = fil.command[0], belief.constant.controller_period, belief.command
-    if np.isnan(u):
+    if belief.size.shaped == 0 or np.isnan(u):
         return
     if path[HALF_WIDTH] > 0.0:
         fil.shaped[HALF_WIDTH] = max(u - path[HALF_WIDTH], min(u + path[HALF_WIDTH], fil.shaped[HALF_WIDTH]))

@@ -2,7 +2,7 @@
 
 Slosh   p = C (psi + theta), C = coupling w^2: the mass against inertial space, as the acceleration that it makes;
         p'' = -w^2 (p - C theta) - 2 z w (p' - C theta'),  theta_ddot += p - C theta
-Bending eta'' = w^2 (g beta - eta) - 2 z w eta',  shown by attitude sensor and gyro (`Belief.shown`)
+Bending eta'' = w^2 (g beta - eta) - 2 z w eta',  shown by attitude sensor and gyro (`shown`)
 With p the coupling stands in what drives a mode alone, so that no unknown amplitude passes for a coupling, and no
 acceleration enters a mode but by theta.  (Pendulum analogy: NASA SP-106, ch. 6.  Bending: NASA CR-826, A.3.)
 
@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from ..algebra.linsolve import absorb_rows, measure
+from ..algebra.linsolve import U, absorb_rows, measure
 from ..kernels import inner, kernel
 from . import servo as sv
 from . import states as sx
@@ -34,6 +34,7 @@ MODE_DIFFERENCE = 1.0e-3  # relative frequency, damping ratio: of a central diff
 LEAST_FREQUENCY, MOST_FREQUENCY = 0.3, 3.0  # of the nominal's: no filter is linearised about others
 PROVEN = 4.5         # standard deviations of a size from 0: the mode is there
 SETTLED = 0.05       # standard deviations: from a number so near the filter need not move
+SAME_SLOPE = 0.005   # relative: at a frequency so near the derivatives, which only weigh innovations, are the same
 SLOSH_SPREAD = 0.1   # rad, of psi before any data
 NOZZLE_SPREAD = 0.05  # rad: bending before any data is that of a nozzle so far off
 LEAST_PIVOT = 1.0e-12  # of a covariance's factor
@@ -48,7 +49,9 @@ N_NOW = 6
 M_PHI, M_ONCE, M_TWICE = 0, 4, 6
 M_ETA, M_ETA_DOT, M_MISSED = 4, 8, 12
 N_OWN = 14
-N_MODE_COLUMNS = 3  # of `air`, for each mode: frequency, coupling or gain, damping ratio
+# a row of the modes' nodes (f8): time [s]; of each mode frequency, coupling or gain, damping ratio
+NODE_T = 0
+N_MODE_COLUMNS = 3
 
 
 # ---- a step
@@ -109,13 +112,13 @@ def bend(belief, fil, w, z, h, work):
 
 
 @inner
-def believe_modes(belief, air, fil):
+def believe_modes(belief, nodes, fil):
     """Fill modes.now: every mode's numbers at the last sample, the nominal's and as believed."""
     modes, t = fil.modes, fil.time.last
     for i in range(belief.size.modes):
-        now, at = modes.now[i], sx.N_AIR + N_MODE_COLUMNS * i
+        now, at = modes.now[i], NODE_T + 1 + N_MODE_COLUMNS * i
         for k in range(3):
-            now[M_FREQUENCY_0 + k] = sx.air_at(air, at + k, t)
+            now[M_FREQUENCY_0 + k] = sx.air_at(nodes, at + k, t)
             now[k] = now[M_FREQUENCY_0 + k]
     for j in range(belief.size.numbers):
         now, what = modes.now[belief.mode_of[j]], belief.number[j]
@@ -132,28 +135,29 @@ def believe_modes(belief, air, fil):
 
 
 @kernel
-def set_modes(block, air):
-    """Set the modes' constants of the next time step, and, if their numbers may have moved, the derivatives."""
+def set_modes(block, modes):
+    """Set the modes' constants of the next time step, and the derivatives of those whose frequency has moved."""
     belief, fil, work = block[0].fixed.belief, block[0].state.filter, block[0].work.filter
-    modes, constant, size = fil.modes, belief.constant, belief.size
-    h = fil.servo.next_step if size.servo > 0 else modes.next_step
-    fresh = modes.is_set == 0
+    constant, size = belief.constant, belief.size
+    h = fil.servo.next_step if size.servo > 0 else fil.modes.next_step
+    fresh = fil.modes.is_set == 0
     if size.servo == 0:
         sv.set_step(constant, constant.frequency, constant.damping, h, work, fil.step)
         if constant.missing > 0.0:
             sv.set_step(constant, constant.frequency, constant.damping, constant.missing * h, work,
                         fil.missed)
     if fresh:
-        believe_modes(belief, air, fil)
+        believe_modes(belief, modes, fil)
     for i in range(size.modes):
-        now = modes.now[i]
-        fill_own(belief, fil, work, i < size.sloshes, now[M_FREQUENCY], now[M_DAMPING], h, modes.own[i])
+        now = fil.modes.now[i]
+        fill_own(belief, fil, work, i < size.sloshes, now[M_FREQUENCY], now[M_DAMPING], h, fil.modes.own[i])
     period = constant.controller_period
     for j in range(size.numbers):
-        if not fresh:
-            break
         what, i = belief.number[j], belief.mode_of[j]
-        now, slope = modes.now[i], modes.slope[j]
+        now, slope = fil.modes.now[i], fil.modes.slope[j]
+        if abs(now[M_FREQUENCY] - fil.modes.sloped[j]) <= SAME_SLOPE * now[M_FREQUENCY]:
+            continue
+        fil.modes.sloped[j] = now[M_FREQUENCY]
         slope[:] = 0.0
         if what == BY_SIZE:
             continue
@@ -167,12 +171,15 @@ def set_modes(block, air):
                 scale *= now[M_FREQUENCY_0] / now[M_FREQUENCY]
             for k in range(N_OWN):
                 slope[k] += scale * work.own[k]
-    modes.is_set = 1
+    fil.modes.is_set = 1
 
 
 @inner
 def fill_modes(belief, fil, f):
-    """Add the modes to the transition f of the rigid body, servo and nuisances."""
+    """Add the modes' rows and columns to the transition f of the rigid body, servo and nuisances.
+
+    Of slosh theta and theta_dot get the integrals of p - C theta; the columns hold those of p.
+    """
     size, h = belief.size, fil.step.h
     for i in range(size.modes):
         own, k = fil.modes.own[i], size.mode_at + 2 * i
@@ -184,8 +191,6 @@ def fill_modes(belief, fil, f):
             f[k + 1, 0], f[k + 1, 1] = -(c * own[M_PHI + 2]), c * (1.0 - own[M_PHI + 3])
             for j in range(2):
                 f[0, k + j], f[1, k + j] = own[M_TWICE + j], own[M_ONCE + j]
-                f[0, j] -= c * own[M_TWICE + j]
-                f[1, j] -= c * own[M_ONCE + j]
         else:
             f[k, 2], f[k, 3] = c * own[M_ETA], c * own[M_ETA + 1]
             f[k + 1, 2], f[k + 1, 3] = c * own[M_ETA_DOT], c * own[M_ETA_DOT + 1]
@@ -237,30 +242,37 @@ def drive_numbers(belief, fil, work, u, change):
 
 
 @inner
-def advance_columns(belief, f, m, columns, push):
-    """m <- F m for so many columns of m inout, the rows of the modes, and what slosh adds to theta, theta_dot into push
-    (2, >=columns); `kalman.propagate_sensitivities` then moves the other rows, and `push` is to be added."""
-    size = belief.size
-    for j in range(columns):
+def advance_columns(size, modes, now, f, m, columns, push):
+    """m <- F m for so many columns of m inout, the rows of so many modes, and what slosh adds to theta, theta_dot into
+    push (2, >=columns); `kalman.propagate_sensitivities` then moves the other rows, and `push` is to be added."""
+    for c in range(columns):
+        j = U(c)
         push[0, j], push[1, j] = 0.0, 0.0
-    for i in range(size.modes):
+    for i in range(modes):
         k = size.mode_at + 2 * i
-        b = 0 if i < size.sloshes else 2
-        for j in range(columns):
-            y0, y1 = m[k, j], m[k + 1, j]
-            if b == 0:
-                push[0, j] += f[0, k] * y0 + f[0, k + 1] * y1
-                push[1, j] += f[1, k] * y0 + f[1, k + 1] * y1
-            m[k, j] = f[k, b] * m[b, j] + f[k, b + 1] * m[b + 1, j] + f[k, k] * y0 + f[k, k + 1] * y1
-            m[k + 1, j] = (f[k + 1, b] * m[b, j] + f[k + 1, b + 1] * m[b + 1, j] + f[k + 1, k] * y0
-                           + f[k + 1, k + 1] * y1)
+        by = 0 if i < size.sloshes else 2
+        a0, a1, a2, a3 = f[k, by], f[k, by + 1], f[k, k], f[k, k + 1]
+        b0, b1, b2, b3 = f[k + 1, by], f[k + 1, by + 1], f[k + 1, k], f[k + 1, k + 1]
+        if by == 0:
+            c0, c1, d0, d1, stiffness = f[0, k], f[0, k + 1], f[1, k], f[1, k + 1], now[i, M_SIZE]
+            for c in range(columns):
+                j = U(c)
+                y0, y1 = m[k, j] - stiffness * m[0, j], m[k + 1, j] - stiffness * m[1, j]
+                push[0, j] += c0 * y0 + c1 * y1
+                push[1, j] += d0 * y0 + d1 * y1
+        for c in range(columns):
+            j = U(c)
+            x0, x1, y0, y1 = m[by, j], m[by + 1, j], m[k, j], m[k + 1, j]
+            m[k, j] = a0 * x0 + a1 * x1 + a2 * y0 + a3 * y1
+            m[k + 1, j] = b0 * x0 + b1 * x1 + b2 * y0 + b3 * y1
 
 
 @inner
 def add_push(m, columns, push):
     """Add `push` (2, >=columns) to the first two rows of m."""
     for i in range(2):
-        for j in range(columns):
+        for c in range(columns):
+            j = U(c)
             m[i, j] += push[i, j]
 
 
@@ -268,18 +280,35 @@ def add_push(m, columns, push):
 def transpose(m, n):
     """Transpose the first n rows and columns of m in place."""
     for i in range(1, n):
-        for j in range(i):
-            held = m[i, j]
-            m[i, j] = m[j, i]
-            m[j, i] = held
+        for c in range(i):
+            k, j = U(i), U(c)
+            held = m[k, j]
+            m[k, j] = m[j, k]
+            m[j, k] = held
 
 
 @inner
 def mirror(m, n):
     """Copy the lower triangle of m to the upper: what is not symmetric would grow as the vehicle does."""
     for i in range(1, n):
-        for j in range(i):
-            m[j, i] = m[i, j]
+        for c in range(i):
+            k, j = U(i), U(c)
+            m[j, k] = m[k, j]
+
+
+@inner
+def add_number_drives(belief, fil, work):
+    """Add to the sensitivities what the modes' numbers do over the step."""
+    for j in range(belief.size.numbers):
+        for i in range(belief.size.states):
+            fil.s[i, belief.size.number_at + j] += work.number_drive[j, i]
+
+
+@inner
+def push_by_slosh(fil, work):
+    """Add to theta and theta_dot what slosh does over the step."""
+    for i in range(2):
+        fil.x[i] += work.slosh[i]
 
 
 @inner
@@ -293,11 +322,12 @@ def advance_modes(belief, fil, work, f, u, change):
         own, k, c = fil.modes.own[i], size.mode_at + 2 * i, fil.modes.now[i, M_SIZE]
         b = 0 if i < size.sloshes else 2
         y0, y1 = x[k], x[k + 1]
+        own_0, own_1 = y0 - c * x[0], y1 - c * x[1]
         for row in range(2):
             x[k + row] = (f[k + row, b] * x[b] + f[k + row, b + 1] * x[b + 1] + f[k + row, k] * y0
                           + f[k + row, k + 1] * y1)
             if b == 0:
-                work.slosh[row] += f[row, k] * y0 + f[row, k + 1] * y1
+                work.slosh[row] += f[row, k] * own_0 + f[row, k + 1] * own_1
             else:
                 at = M_ETA + 4 * row
                 x[k + row] += c * (own[at + 2] * u + own[at + 3] * turned)
@@ -346,14 +376,14 @@ def add_doubt(belief, fil, work):
 
 
 @inner
-def start_modes(belief, air, fil):
+def start_modes(belief, nodes, shown, fil):
     """Begin a segment: bending and slosh of their usual size, which theta and theta_dot as measured hold."""
     size, p = belief.size, fil.p
-    believe_modes(belief, air, fil)
+    believe_modes(belief, nodes, fil)
     for i in range(size.sloshes, size.modes):
         for row in range(2):
             at = size.mode_at + 2 * i + row
-            share, now = belief.shown[row, at], fil.modes.now[i]
+            share, now = shown[row, at] if shown is not None else 0.0, fil.modes.now[i]
             spread = NOZZLE_SPREAD * now[M_SIZE] * (1.0 if row == 0 else now[M_FREQUENCY])
             p[at, at] = spread * spread
             p[row, row] += share * share * p[at, at]  # theta = measured - eta

@@ -19,8 +19,8 @@ MOMENTS = {"mean_a6": "mean", "mean_k1": "mean", "var_a6": "variance", "cov": "c
 FIRST_STD = 0.5  # relative: what is known of either before any data
 CHANGE_BLOCKS = 24  # blocks that sudden changes are sought in: 2.4 s at 0.1 s
 # a row of `air` (f8)
-AIR_T, AIR_WIND, AIR_ALPHA, AIR_BETA, AIR_MOMENT = range(5)
-N_AIR = 5
+AIR_T, AIR_WIND, AIR_ALPHA, AIR_BETA = range(4)
+N_AIR = 4
 # a row of a profile (f8): time [s], a6, k1 [1/s^2], or the range of both
 NODE_T, NODE_A6, NODE_K1 = range(3)
 N_NODE = 3

@@ -62,7 +62,7 @@ def block_type(struct: Struct, with_modes: bool) -> Any:
 
 def compile_entries(entries: tuple[Any, ...], memory: Memory) -> None:
     """Compile the entries or load them from the cache, then refuse to compile in flight: an int is cast."""
-    given = {"words": memory.words, **memory.apart}
+    given = {"words": memory.words, **memory.given}
     types = {"block": block_type(memory.struct, memory.size.modes > 0),
              **{name: _numba.typeof(array) for name, array in given.items()}}
     with cache.alone:  # two estimators may be made in two threads
@@ -92,12 +92,12 @@ def precompile(config: Config, backwards: bool = False) -> bool:
 def calls_of(config: Config, memory: Memory) -> Calls:
     """The calls of an estimator with this memory, compiled."""
     compile_entries(entries_of(config, memory), memory)
-    seen, words, apart = memory.seen, memory.words, memory.apart
+    seen, words, apart = memory.seen, memory.words, memory.given
     report = None
     if memory.struct is FILTERED:
         update: Callable[..., int] = onboard.update_filtered
         begin = partial(onboard.restart_filtered, seen, apart["rows"], words)
-        report = partial(onboard.report_now, seen, apart["profile"], apart["air"])
+        report = partial(onboard.report_now, seen, apart["profile"], apart["air"], apart["modes"])
     else:
         update = regression.update_regression
         begin = partial(regression.restart_regression, seen, words, first_state(config.seed))
@@ -127,7 +127,7 @@ def loop_of(memory: Memory) -> Callable[[np.ndarray, int], tuple[int, int]]:
     same bits.  It takes rows of a table from a row on; returns the row after the last taken, and WINDOW_COMPLETE or
     RECOVERED where that one answered so, else ACCEPTED.
     """
-    seen, apart = memory.seen, memory.apart
+    seen, apart = memory.seen, memory.given
     if memory.struct is FILTERED:
         push = partial(onboard.push_until_due, seen, apart["ring"], apart["seals"], apart["rows"])
         close: Callable[..., int] = onboard.process_samples

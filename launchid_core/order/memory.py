@@ -17,7 +17,7 @@ from ..choices import SOLVERS
 from ..config import Config
 from ..filter import states as sx
 from ..filter.filtered import BLOCK, LEVEL_PRIOR, WIND_PRIOR
-from ..filter.modes import N_MODE_COLUMNS
+from ..filter.modes import N_MODE_COLUMNS, NODE_T
 from ..gate import ring as rb
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, N_NOISES, SPREADS, WIND_NOISES, Model
 from ..watch.tracker import MINUTE, slopes_of
@@ -108,6 +108,11 @@ class Memory(NamedTuple):
         """The block as kernels take it: the array, or its members where nothing is compiled."""
         return (self.parts,) if numba.config.DISABLE_JIT else self.block  # type: ignore[attr-defined]
 
+    @property
+    def given(self) -> dict[str, np.ndarray | None]:
+        """What stands apart as entries take it: None in place of an array that the model has no use for."""
+        return {name: None if name in tb.OPTIONAL and not array.size else array for name, array in self.apart.items()}
+
     def state_arrays(self) -> list[tuple[str, np.ndarray]]:
         """The arrays that persist between samples, by name, in the order in which they are saved."""
         apart = [(name, self.apart[name]) for name, part, *_ in tb.SEPARATE_ARRAYS[self.struct.name] if part == STATE]
@@ -139,7 +144,9 @@ def allocate(config: Config) -> Memory:
     if config.model is not None:
         grown |= {"innovations": sx.N_CHANNELS * block_samples(config), "nodes": len(config.model.profile_t),
                   "air_nodes": max(1, len(_air_times(config.model))),
-                  "air_columns": sx.N_AIR + N_MODE_COLUMNS * size.modes, "range_nodes": len(config.model.sigma_t)}
+                  "mode_nodes": len(_mode_times(config.model)), "mode_columns": 1 + N_MODE_COLUMNS * size.modes,
+                  "known_nodes": _known_nodes(config.model),
+                  "channels_shown": sx.N_CHANNELS * size.shows, "range_nodes": len(config.model.sigma_t)}
     fixed = block[FIXED]["belief"] if struct is tb.FILTERED else block[FIXED]
     for name, number in size._asdict().items():
         fixed["size"][name] = number
@@ -184,7 +191,7 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
     constant.controller_period = config.sample_period
     constant.missing = config.missing_commands
     constant.held = float(model.walk > 0.0 or model.turbulence > 0.0)
-    constant.airy = float(bool(model.forecast_t or model.drift_t or model.moment_t))
+    constant.airy = float(bool(model.forecast_t or model.drift_t))
     constant.lean = model.known_lean
     constant.offset[:] = model.known_theta, model.known_theta_dot, model.known_beta
     constant.saturation[:] = config.theta_saturation, config.theta_dot_saturation, config.beta_saturation
@@ -196,7 +203,9 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
     _fill_nuisances(model, belief, memory.apart["air"])
     belief.servo[:] = model.servo_sigma
     belief.slopes[:] = slopes_of(model.a6_drift, model.k1_drift)
-    _fill_modes(model, size_of(config), belief, memory.apart["air"])
+    _fill_modes(model, size_of(config), belief, memory.apart["modes"], memory.apart["shown"])
+    if model.moment_t:
+        memory.apart["known"][:] = np.transpose([model.moment_t, model.known_moment])
     belief.codes[:] = term_codes(config.terms)
     belief.known_codes[:] = term_codes(tuple(name for name, _ in model.known_terms))
     belief.known_coefficient[:] = [coefficient for _, coefficient in model.known_terms]
@@ -208,9 +217,19 @@ def _fill_filtered(config: Config, model: Model, memory: Memory) -> None:
 
 
 def _air_times(model: Model) -> tuple[float, ...]:
-    """Nodes at which forecast, drift or known acceleration are given; none without them."""
-    of_modes = (t for mode in model.modes for t in mode.t)
-    return tuple(sorted({*model.forecast_t, *model.drift_t, *model.moment_t, *of_modes}))
+    """Nodes at which forecast or drift are given; none without them."""
+    return tuple(sorted({*model.forecast_t, *model.drift_t}))
+
+
+def _mode_times(model: Model) -> tuple[float, ...]:
+    """Nodes at which numbers of modes are given; none without modes."""
+    return tuple(sorted({t for mode in model.modes for t in mode.t}))
+
+
+def _known_nodes(model: Model) -> int:
+    """Nodes of the known acceleration: one, which stays 0, where the model knows other things of `filter.known`."""
+    acts, _, _, shaped = model.known
+    return len(model.moment_t) or int(bool(acts or shaped or model.rate_limit > 0.0))
 
 
 def _fill_nuisances(model: Model, belief: Any, air: np.ndarray) -> None:
@@ -220,8 +239,7 @@ def _fill_nuisances(model: Model, belief: Any, air: np.ndarray) -> None:
         air[:, sx.AIR_T] = times
         for column, nodes, values in ((sx.AIR_WIND, model.forecast_t, model.forecast),
                                       (sx.AIR_ALPHA, model.drift_t, model.drift_alpha),
-                                      (sx.AIR_BETA, model.drift_t, model.drift_beta),
-                                      (sx.AIR_MOMENT, model.moment_t, model.known_moment)):
+                                      (sx.AIR_BETA, model.drift_t, model.drift_beta)):
             if nodes:
                 air[:, column] = np.interp(times, nodes, values)
     belief.partner[:] = sx.ABSENT
@@ -233,20 +251,23 @@ def _fill_nuisances(model: Model, belief: Any, air: np.ndarray) -> None:
             belief.partner[role - ATTITUDE_BIAS] = sx.N_STATES + k
 
 
-def _fill_modes(model: Model, size: Size, belief: Any, air: np.ndarray) -> None:
+def _fill_modes(model: Model, size: Size, belief: Any, nodes: np.ndarray, shown: np.ndarray) -> None:
     """The modes' parts of what is believed, and what sensors show of them and of the nozzle's inertia."""
     belief.inertia = model.nozzle_inertia
-    belief.shown[0, 2], belief.shown[1, 3] = model.nozzle_inertia, model.nozzle_inertia
+    if size.shows:
+        shown[0, 2], shown[1, 3] = model.nozzle_inertia, model.nozzle_inertia
+    nodes[:, NODE_T] = _mode_times(model)
     number = 0
     for i, mode in enumerate(model.modes):
         for k, (name, values) in enumerate(mode.numbers()):
-            air[:, sx.N_AIR + N_MODE_COLUMNS * i + k] = np.interp(air[:, sx.AIR_T], mode.t, values)
+            nodes[:, NODE_T + 1 + N_MODE_COLUMNS * i + k] = np.interp(nodes[:, NODE_T], mode.t, values)
             sigma = getattr(mode, f"{name}_sigma")
             if sigma > 0.0:
                 belief.number[number], belief.mode_of[number], belief.number_sigma[number] = k, i, sigma
                 number += 1
         at = size.mode_at + 2 * i
-        belief.shown[0, at], belief.shown[1, at + 1] = mode.angle, mode.rate
+        if size.shows:
+            shown[0, at], shown[1, at + 1] = mode.angle, mode.rate
 
 
 def _thresholds(config: Config) -> tuple[float, float]:

@@ -29,7 +29,7 @@ from ..watch import undeclared as un
 from ..watch.uncertainty import close_range, restart_gauge, watch_range
 
 TOGETHER = 10  # samples at most that wait to be taken together: what an update costs at most, whatever the rate
-NOTHING, CLOSE, SET_STEP = range(3)  # what is to be done after `gather`
+NOTHING, CLOSE, CLOSE_LAST, SET_STEP = range(4)  # what is to be done after `gather`
 
 
 @inner
@@ -62,9 +62,9 @@ def check_block(block, ring, seals, rows, words, code):
 
 
 @kernel
-def gather(block, ring, rows, profile, air, code):
+def gather(block, ring, rows, profile, air, modes, known, shown, code):
     """Take the samples that wait in the ring, oldest first, into the filter, but for those of the next window; what is
-    to be done before this is called again: NOTHING, and it need not be, CLOSE the block, or SET_STEP.
+    to be done before this is called again: NOTHING or CLOSE_LAST, and it need not be, CLOSE the block, or SET_STEP.
 
     A gap or a full block of rows closes the block, and so does the last sample of a window.
     """
@@ -95,10 +95,11 @@ def gather(block, ring, rows, profile, air, code):
             gu.forget_gust(state.gust)
         if acc.counts.rows == 0:
             acc.start = row[rb.T]
-        fl.filter_sample(belief, profile, air, fil, work.filter, acc, rows, state.check, row, max_gap)
+        fl.filter_sample(belief, profile, air, modes, known, shown, fil, work.filter, acc, rows, state.check, row,
+                         max_gap)
     counts.waiting = spare
     full = acc.counts.rows > rows.shape[1] - sx.N_CHANNELS
-    return CLOSE if full or (complete and acc.counts.rows > 0) else NOTHING
+    return CLOSE_LAST if full or (complete and acc.counts.rows > 0) else NOTHING
 
 
 @kernel
@@ -329,21 +330,21 @@ def seal_block(block, rows, words, code):
 # ---- the order
 
 
-def process_samples(size, block, words, ring, seals, rows, profile, air, sigma, code):
+def process_samples(size, block, words, ring, seals, rows, profile, air, modes, known, shown, sigma, code):
     """Filter the samples that wait, close blocks and windows; return the Status, RECOVERED where memory is damaged."""
     if check_block(block, ring, seals, rows, words, code) == rb.RECOVERED:
         return rb.RECOVERED
     for _ in range(3 * TOGETHER):  # a block and a step at most for each sample that waits
-        wanted = gather(block, ring, rows, profile, air, code)
-        if wanted == NOTHING:
-            break
+        wanted = gather(block, ring, rows, profile, air, modes, known, shown, code)
         if wanted == SET_STEP:
             if size.servo > 0:
                 sv.set_servo_step(block)
             if size.modes > 0:
-                md.set_modes(block, air)
-        else:
+                md.set_modes(block, modes)
+        elif wanted != NOTHING:
             close_block(size, block, rows, profile)
+        if wanted == NOTHING or wanted == CLOSE_LAST:
+            break
     if code == rb.WINDOW_COMPLETE:
         close_window(size, block, ring, profile)
     elif code == rb.CLOCK_RESET:
@@ -353,15 +354,16 @@ def process_samples(size, block, words, ring, seals, rows, profile, air, sigma, 
     return seal_block(block, rows, words, code)
 
 
-def update_filtered(size, block, words, ring, seals, rows, profile, air, sigma, t, theta, theta_dot, beta, theta_ddot,
-                    beta_cmd, gamma):
+def update_filtered(size, block, words, ring, seals, rows, profile, air, modes, known, shown, sigma, t, theta,
+                    theta_dot, beta, theta_ddot, beta_cmd, gamma):
     """Take one sample; returns its Status.  RECOVERED: memory is damaged, the caller has to begin anew with it.
 
     size  how much of the memory is in use;  the rest as of the entries, in the order of `table.SEPARATE_ARRAYS`
     """
     code = push_sample(block, ring, seals, rows, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code >= rb.DUE:
-        code = process_samples(size, block, words, ring, seals, rows, profile, air, sigma, code - rb.DUE)
+        code = process_samples(size, block, words, ring, seals, rows, profile, air, modes, known, shown, sigma,
+                               code - rb.DUE)
     return code
 
 
@@ -396,7 +398,7 @@ def restart_filtered(block, rows, words):
 
 
 @kernel
-def report_now(block, profile, air):
+def report_now(block, profile, air, modes):
     """Fill work.report, all that leaves beside the outcome, as of the closed window's end or of a later last sample."""
     fixed, state, rep = block[0].fixed, block[0].state, block[0].work.report
     counts, clock = state.counts, state.clock
@@ -406,7 +408,8 @@ def report_now(block, profile, air):
     rp.report_tracked(profile, state.bank.total, contradicted, t, rep)
     rp.report_air(fixed.belief, air, state.filter, state.bank.total, contradicted, rep)
     rp.report_servo(fixed.belief, state.filter, contradicted, rep)
-    rp.report_modes(fixed.belief, air, state.filter, contradicted, t, rep)
+    if modes is not None:
+        rp.report_modes(fixed.belief, modes, state.filter, contradicted, t, rep)
     rp.report_changes(profile, state.watch, rep)
     for k in range(fixed.belief.size.levels):
         rep.noise[k] = exp_of(state.filter.level[k])

@@ -14,7 +14,7 @@ import numpy as np
 from ..algebra.library import CODE_LENGTH, MAX_TERMS, N_VARIABLES
 from ..filter import states as sx
 from ..filter import whiteness as wh
-from ..filter.known import N_COMMAND_PATH, N_SLOPES
+from ..filter.known import N_COMMAND_PATH, N_KNOWN_NODE, N_SLOPES
 from ..filter.modes import N_NOW, N_OWN
 from ..filter.servo import N_SERVO
 from ..gate import ring as rb
@@ -54,6 +54,7 @@ class Size(NamedTuple):
     modes: int          # of slosh and bending, two states each
     sloshes: int        # of them the first
     mode_at: int        # the first of their states
+    acting: int         # states that act on theta: all but those of bending, which are the last
     numbers: int        # of theirs that are not known
     number_at: int      # the first column of sensitivities for them
     swept: int          # 1: their numbers change with time
@@ -87,9 +88,11 @@ def size_of(terms: int, nuisances: int = 0, levels: int = 0, servo: int = 0, the
                 rigid_numbers=numbers + 2 if numbers else 0, servo=servo, responses=servo + 1 if servo else 0,
                 sensitivities=sensitivities, servo_at=states + terms, columns=sensitivities + 1, pair=states + 3,
                 wider=terms + EQUATIONS + PAIR, modes=mode_count, sloshes=sloshes,
-                mode_at=sx.N_STATES + nuisances if levels else 0, numbers=numbers, number_at=states + terms + servo,
-                swept=swept, shows=shows, known=known[0], known_terms=known[1], sines=known[2], shaped=known[3],
-                learned=terms + 1, gust=states + 2 if nuisances else 0,
+                mode_at=sx.N_STATES + nuisances if levels else 0,
+                acting=states - 2 * (mode_count - sloshes) if levels else 0, numbers=numbers,
+                number_at=states + terms + servo, swept=swept, shows=shows, known=known[0],
+                known_terms=known[1], sines=known[2], shaped=known[3], learned=terms + 1,
+                gust=states + 2 if nuisances else 0,
                 undeclared=un.UNDECLARED_SIZE if is_known else 0,
                 **(dict.fromkeys(("integral", "solver", "by_share", "structured", "ranged"), 0) | flags))
 
@@ -316,7 +319,6 @@ BELIEF = struct(
     ("codes", I8, ("terms", CODE_LENGTH), "library terms"),
     ("slopes", F8, (len(MEMBERS), 2), "one sigma of those of a6 and k1 in each member of the tracker, relative [1/s]"),
     ("servo", F8, ("servo",), "one sigma of what is not known of it: relative frequency, relative damping, delay [s]"),
-    ("shown", F8, (sx.N_CHANNELS, "states"), "of the states beside a channel's own and its offset's, what it shows"),
     ("inertia", F8, (), "c of theta_ddot += c beta_ddot"),
     ("number", I8, ("numbers",), "what of a mode each unknown number is: BY_FREQUENCY, BY_SIZE, BY_DAMPING"),
     ("mode_of", I8, ("numbers",), "and of which"),
@@ -374,6 +376,7 @@ MODES = struct(
     ("now", F8, ("modes", N_NOW), "numbers as believed, and the nominal's"),
     ("own", F8, ("modes", N_OWN), "constants of a time step"),
     ("slope", F8, ("numbers", N_OWN), "their derivatives for each number, over a sample period"),
+    ("sloped", F8, ("numbers",), "frequency at which they were taken [rad/s]"),
     ("next_step", F8, (), "the next time step [s]"),
     ("is_set", I8, (), "1: the numbers have not moved since the constants were set"),
     ("mean", F8, ("rigid_numbers",), "a6 and k1 beside the modes, relative; deviations of the numbers"),
@@ -389,8 +392,8 @@ FILTER_STATE = struct(
     ("s", F8, ("states", "sensitivities"), "sensitivities: offset at the block's start, terms, servo, tests"),
     ("p_bar", F8, (2,), "relative deviations of a6, k1 it is linearised about"),
     ("level", F8, ("levels",), "log of noise standard deviations over the declared ones"),
-    ("sx", F8, ("states", "levels"), "derivative of x for the levels"),
-    ("sp", F8, ("levels", "states", "states"), "derivative of p for the levels"),
+    ("sx", F8, ("acting", "levels"), "derivative of x for the levels, but of bending"),
+    ("sp", F8, ("levels", "acting", "acting"), "derivative of p for the levels, but of bending"),
     ("command", F8, (sx.MAX_DELAY_SAMPLES,), "past commands, newest first"),
     ("shaped", F8, (N_COMMAND_PATH,), "states of play, lag and wash-out [rad]"),
     ("time", TIME),
@@ -683,7 +686,8 @@ FILTERED = struct("Filtered", "An estimator of the filtered formulation.",
 
 # what stands apart: (name, part, type, shape, meaning), in the order of `update`'s arguments; extents beside those of
 # `Size`: held (a window's rows and the one that may come after it), window, kept (rows), innovations (of a block),
-# nodes (of the profile), air_nodes (of forecast and drift), range_nodes (of the range sigma)
+# nodes (of the profile), air_nodes (of forecast and drift), mode_nodes, known_nodes, channels_shown, range_nodes
+# (of the range sigma)
 GATE_APART = (
     ("ring", STATE, F8, ("held", rb.N_COLUMNS), "the newest samples"),
     ("seals", STATE, I8, ("held",), "of its rows"))
@@ -699,7 +703,11 @@ SEPARATE_ARRAYS: dict[str, tuple[tuple[str, str, "np.dtype[Any]", tuple[Extent, 
         *GATE_APART,
         ("rows", STATE, F8, ("columns", "innovations"), "whitened innovations of a block, column by column"),
         ("profile", FIXED, F8, ("nodes", sx.N_NODE), "t [s], a6, k1 [1/s^2]"),
-        ("air", FIXED, F8, ("air_nodes", "air_columns"),
-         "t [s], forecast wind [rad], drift [1/s], acceleration [rad/s^2]; of each mode frequency, size, damping"),
+        ("air", FIXED, F8, ("air_nodes", sx.N_AIR), "t [s], forecast wind [rad], drift [1/s]"),
+        ("modes", FIXED, F8, ("mode_nodes", "mode_columns"), "t [s]; of each mode frequency, size, damping ratio"),
+        ("known", FIXED, F8, ("known_nodes", N_KNOWN_NODE), "t [s], known acceleration [rad/s^2]"),
+        ("shown", FIXED, F8, ("channels_shown", "states"), "what a channel shows besides its own state"),
         ("sigma", FIXED, F8, ("range_nodes", sx.N_NODE), "t [s], range of a6 and k1"))}
+# of no elements where a model has none of it: an entry then gets None, and is compiled without what needs it
+OPTIONAL = ("modes", "known", "shown")
 CARRIED_FROM = {"Regression": "random", "Filtered": "filter"}  # this line of the state and all after it are sealed

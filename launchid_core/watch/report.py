@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..filter import states as sx
-from ..filter.modes import BY_DAMPING, BY_FREQUENCY, N_MODE_COLUMNS, is_proven
+from ..filter.modes import BY_DAMPING, BY_FREQUENCY, N_MODE_COLUMNS, NODE_T, is_proven
 from ..filter.servo import BY_DELAY, std_of
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
@@ -109,14 +109,14 @@ def report_servo(belief, fil, contradicted, rep):
 
 
 @inner
-def report_modes(belief, air, fil, contradicted, t, rep):
+def report_modes(belief, nodes, fil, contradicted, t, rep):
     """Report frequency and size of every mode at t [s], as the flight has shown them so far, each with its standard
     deviation."""
     modes = fil.modes
     for i in range(belief.size.modes):
-        at = sx.N_AIR + N_MODE_COLUMNS * i
+        at = NODE_T + 1 + N_MODE_COLUMNS * i
         for k in range(2):
-            rep.mode[i, 2 * k] = np.nan if contradicted else sx.air_at(air, at + k, t)
+            rep.mode[i, 2 * k] = np.nan if contradicted else sx.air_at(nodes, at + k, t)
             rep.mode[i, 2 * k + 1] = np.nan if contradicted else 0.0
     for j in range(belief.size.numbers):
         i, what, sigma = belief.mode_of[j], belief.number[j], belief.number_sigma[j]

@@ -113,7 +113,7 @@ def test_the_command_acts_after_its_delay_linear_between_samples():
     cut = parts(model=dataclasses.replace(onboard_model(load_nominal("constant")), delay=0.025))
     constant, fil = cut.fixed.belief.constant, cut.state.filter
     for command in (9.0, 8.0, 1.0, 2.0, 4.0):
-        take_command(cut.fixed.belief, fil, command)
+        take_command(cut.fixed.belief, None, fil, command)
     assert fil.command[:4].tolist() == [4.0, 2.0, 1.0, 8.0]
     assert delayed_input(constant, fil) == pytest.approx(0.5 * 1.0 + 0.5 * 8.0)
 
