@@ -1,6 +1,6 @@
 """Margins of flights: do their 95 % intervals hold the truth, do they warn, does the gate refuse what it must?
 
-    python benchmarks/margins.py coverage|warnings|gate|another|clean|fitted|alone|gains|undeclared|peer
+    python benchmarks/margins.py coverage|warnings|gate|another|clean|fitted|alone|gains|undeclared|peer|modes
                                  [--flights N] [--seed 0] [--nominal NAME] [--law NAME] [--vehicle NAME] [--moving]
                                  [--seen columns|others|half]
 
@@ -39,6 +39,11 @@ README and changelog): T = theta/theta_ref by Welch's cross spectra, Ms = max |1
 2 asin(1/(2 Ms)), the phase margin 180 degrees + arg T at the closed loop's 0 dB, +- half of what the phase turns from
 one line to the next there. The reference is a sweep of 8 mrad, 0.1 to 3 Hz, or the guidance. RMS errors.
 
+modes: `cr826_max_q`, first bending mode, two slosh masses and a notch that follows, 30 s, 10 s windows; a6 and k1
+within the nominal's 10 %, modes drawn with the sigmas that it declares.  The truth is python-control's frozen loop of
+the true vehicle (tests/control_loops.py), with the notch where the judged loop has it, on a dense grid.  Judged: the
+margins of the rigid crossings, and of the bending mode the one that holds it.
+
 clean: nothing is wrong; controller and log at 25 to 200 Hz, and logs faster and slower than the controller.  Lost: the
 share of the windows that the estimator has numbers of and the tests of controller and servo refuse.
 """
@@ -60,21 +65,24 @@ from launchid.bound.flights import flight_bound
 from launchid.monte_carlo.campaign import draw_jobs
 from launchid.robustness import reconfigure
 from launchid.robustness.airframe import airframe_of
+from launchid.robustness.blocks import plants_of
 from launchid.robustness.flight_margins import declared_servo, servo_at
 from launchid.robustness.flown import UNCHECKED, loop_that_flew
-from launchid.robustness.loops import loops, plants_of
+from launchid.robustness.loops import loops
 from launchid.robustness.margin_spread import MARGIN_NAMES, margin_table
 from launchid.robustness.montecarlo import SCENARIOS, factors
+from sim.disturbance_draws import drawn_modes
 from sim.effects import effect
 from sim.flight import Flight, fly_whole, prepare
 from sim.nominal import Nominal, constant_profile
-from sim.plant import Factor, parameters
+from sim.plant import Factor, dispersion, parameters
 from sim.sections import Controller, Section
 from sim.vehicle.actuator import fastest_pole
 from sim.vehicle.record import LOG_ROW
 from sim.vehicle.step import advance
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+import control_loops
 from any_law import GUIDANCE, LAWS, STILL, Vehicle, fly, pd, truth
 from any_law import law as any_law_of
 
@@ -611,10 +619,90 @@ def peer(args: argparse.Namespace) -> None:
             table.row("sweep" if is_sweep else "guidance", name, len(made), *rms[:3], held[3], *rms[4:6], held[6])
 
 
+# ---- loops with modes
+
+
+FLEXIBLE, MODES_SECONDS, MODES_WINDOW = "cr826_max_q", 30.0, 10.0
+TOLD = ("gain_low_db", "gain_high_db", "phase_deg", "bending1")
+
+
+def true_margins(vehicle: Nominal, a6: float, k1: float) -> tuple[float, float, float, float, float]:
+    """Return the rigid low and high gain margin [dB] and phase margin [deg] of a frozen loop, and of its bending mode
+    by how much its peak is below 1 [dB] and its phase margin [deg], by python-control."""
+    w = vehicle.bending[0].frequency.value[0]
+    poles = [each.frequency.value[0] * np.sqrt(1.0 + each.coupling.value[0]) for each in vehicle.slosh]
+    top = np.pi / vehicle.controller.period
+    omega = np.unique(np.concatenate([np.geomspace(0.02, 0.999 * top, 4000), w * np.linspace(0.75, 1.25, 4000),
+                                      *(pole * np.linspace(0.9, 1.1, 1000) for pole in poles)]))
+    gain = control_loops.loop_gain(vehicle, a6, k1, omega)
+
+    def crossed(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where x changes sign: omega and L there."""
+        at = np.flatnonzero((x[1:] > 0.0) != (x[:-1] > 0.0))
+        part = x[at] / (x[at] - x[at + 1])
+        return omega[at] + part * (omega[at + 1] - omega[at]), gain[at] + part * (gain[at + 1] - gain[at])
+
+    def is_bending(at: np.ndarray) -> np.ndarray:
+        return np.abs(np.log(at / w)) < np.log(1.25)
+
+    def is_mode(at: np.ndarray) -> np.ndarray:
+        return is_bending(at) | np.any([np.abs(np.log(at / pole)) < np.log(1.05) for pole in poles], axis=0)
+
+    on, on_gain = crossed(np.abs(gain) - 1.0)
+    axis, axis_gain = crossed(gain.imag)
+    phase = np.degrees(np.abs(np.angle(-on_gain)))
+    kept = (axis_gain.real < 0.0) & ~is_mode(axis)
+    factor = np.append(-1.0 / axis_gain.real[kept], -1.0 / gain[0].real)   # and where the nozzle stands
+    peak = np.abs(gain[np.abs(np.log(omega / w)) < np.log(1.05)]).max()
+    return (20.0 * np.log10(factor[factor < 1.0].max()), 20.0 * np.log10(factor[factor > 1.0].min(initial=np.inf)),
+            phase[~is_mode(on)].min(initial=np.inf), -20.0 * np.log10(peak), phase[is_bending(on)].min(initial=np.inf))
+
+
+def judged_modes(seed: int) -> list[tuple[list[bool], list[float]]] | None:
+    """Return for each window whether the intervals of TOLD hold the truth, and their half-widths; None: lost."""
+    believed = nominal(FLEXIBLE)
+    believed = dataclasses.replace(believed, simulation=dataclasses.replace(believed.simulation,
+                                                                            duration=MODES_SECONDS))
+    true = drawn_modes(believed, seed)
+    delta = np.random.default_rng((932, seed)).uniform(-1.0, 1.0, 2).tolist()
+    factors = dispersion(believed, *delta)
+    flight = fly_whole(true, seed, a6_factor=factors[0], k1_factor=factors[1], believed=believed)
+    if flight.lost:
+        return None
+    rows = []
+    for each in launchid.margins(_columns(flight), believed, window=MODES_WINDOW).windows:
+        spread = each.window.spread
+        if spread is None:
+            continue
+        middle = 0.5 * (each.t_start + each.t_end)
+        low, high, phase, peak, phase_of = true_margins(
+            dataclasses.replace(true, controller=each.window.controller.controller), *_at(true, middle, *factors))
+        mode = next(of for of in spread.modes if of.name == "bending1")
+        held, truth = (mode.gain_db, peak) if mode.is_gain_stabilised else (mode.phase_deg, phase_of)
+        intervals = [*spread.rigid, held]
+        rows.append(([of.low <= x <= of.high for of, x in zip(intervals, (low, high, phase, truth), strict=True)],
+                     [0.5 * (of.high - of.low) for of in intervals]))
+    return rows
+
+
+def modes(args: argparse.Namespace) -> None:
+    """Print how often the intervals of the rigid margins and of the bending mode's hold python-control's."""
+    made = [each for each in run_jobs(judged_modes, [(seed,) for seed in args.seeds]) if each]
+    rows = [row for each in made for row in each]
+    inside, width = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+    table = Table("margin 14", "windows 7d", "held 6.1%", "half-width 10.2f")
+    for k, name in enumerate(TOLD):
+        share = float(inside[:, k].mean())
+        table.row(name, len(rows), share, float(np.median(width[:, k])), good=0.90 <= share <= 0.98)
+
+
+
+
 PARTS: dict[str, tuple[Callable[[argparse.Namespace], None], int]] = {
     "coverage": (coverage, 100), "warnings": (warnings, 200), "gate": (gate, 100), "another": (another, 4),
     "clean": (clean, 10), "fitted": (fitted, 2), "alone": (out_of_log, 1), "gains": (gains, 4),
-    "undeclared": (undeclared, 3), "peer": (peer, 3)}  # and their flights, if not said
+    "undeclared": (undeclared, 3), "peer": (peer, 3),
+    "modes": (modes, 40)}  # and their flights, if not said
 
 
 def main() -> None:

@@ -24,6 +24,7 @@ from .vehicle.step import advance
 READING_PERIOD = 0.2  # s: how often a tracked frequency is read; a mode's moves in minutes
 MIN_SAMPLES = 5       # samples in it
 HOLD = 10.0           # s, of a frequency that was valid
+SAME_TIME = 1e-9      # s
 
 
 class Tracker:
@@ -80,6 +81,24 @@ class Following:
             if start % self.every == 0 and state.rows > 0 and self.tracker.take([sample_of(made[0])]):
                 tune(vehicle, self.controller.following(self.tracker.frequencies).filters)
         state.log_every, state.rows = self.log_every, filled
+
+
+class Followed:
+    """The filters of a nominal's controller over a log, as the estimator on board made them follow: of its samples, a
+    `period` [s] apart."""
+
+    def __init__(self, nominal: Nominal, samples: Iterable[Sample], period: float) -> None:
+        assert nominal.controller is not None
+        tracker, self.t, self.filters = Tracker(nominal, period), [-math.inf], [nominal.controller.filters]
+        for sample in samples:
+            if tracker.take([sample]):
+                self.t.append(sample.t)
+                self.filters.append(nominal.controller.following(tracker.frequencies).filters)
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Return b0, b1, b2, a1, a2 (n, s, 5) of the s filters at the controller's times t (n,) [s]."""
+        table = np.array([[(*each.b, *each.a[1:]) for each in filters] for filters in self.filters])
+        return table[np.searchsorted(self.t, t - SAME_TIME) - 1]
 
 
 def tune(vehicle: Vehicle, filters: Iterable) -> None:

@@ -79,7 +79,7 @@ def onboard_model(nominal: Nominal, period: float | None = None, path: str = "")
     a6, k1 = parameters(nominal, t)
     a6_drift, k1_drift = nominal.drift_rates()
     return Model(
-        profile_t=tuple(t), profile_a6=tuple(a6), profile_k1=tuple(k1), **_servo(nominal, actuator),
+        profile_t=tuple(t), profile_a6=tuple(a6), profile_k1=tuple(k1), **servo_of(nominal, actuator),
         theta_std=std(sensors.theta_std, sensors.theta_step),
         theta_dot_std=std(sensors.theta_dot_std, sensors.theta_dot_step),
         beta_std=std(sensors.beta_std, sensors.beta_step), command_noise_std=std(actuator.command_noise_std),
@@ -101,7 +101,7 @@ def _nodes(nominal: Nominal) -> np.ndarray:
     return np.unique(np.concatenate([t, jumps, np.array(jumps) - JUST_BEFORE]))
 
 
-def _servo(nominal: Nominal, actuator: Actuator) -> dict[str, Any]:
+def servo_of(nominal: Nominal, actuator: Actuator) -> dict[str, Any]:
     """Return the servo's fields of `Model`, with the delays and bandwidths of the nominal's effects."""
     delay = sum(float(values(effect)["delay"]) for effect in nominal.effects if effect.name == "actuator_delay")
     bandwidth, lags = 1.0, []

@@ -86,12 +86,14 @@ def check_controller(record: Record) -> ControllerCheck | None:
         return None
     seen, reference = (record.z[:, Z_THETA_DOT], record.rate_reference) if own.is_rate_law else \
         (record.z[:, Z_THETA], record.reference)
-    if not np.isfinite(seen - reference).any() or (own.is_rate_law and own.filters) or len(own.reads) > 1 \
-            or own.followed:
+    if not np.isfinite(seen - reference).any() or own.followed:
+        return None
+    rates = (record.z[:, Z_THETA_DOT], record.rate_reference) if len(own.reads) > 1 else ()
+    if rates and not np.isfinite(rates[0] - rates[1]).any():
         return None
     logged = record.commands if record.logged is None else np.where(record.logged, record.commands, math.nan)
     made = replayed(replace(record.nominal, controller=own), float(record.t[0]), record.period, record.held, logged,
-                    seen, reference)
+                    seen, reference, *rates)
     if isinstance(made, str):
         return None
     ticks = np.isfinite(made.misfit)

@@ -13,10 +13,11 @@ from sim.sections import Required
 
 from ..log.log import Log
 from ..robustness.airframe import airframe_of
+from ..robustness.blocks import plants_of
 from ..robustness.flight_margins import MARGINS, Judged, WindowMargins, declared_servo, required_of
 from ..robustness.flown import of_nominal
 from ..robustness.gains import kept_over
-from ..robustness.loops import Loops, loops, plants_of
+from ..robustness.loops import Loops, loops
 from ..robustness.margin_spread import MARGIN_NAMES, ellipsoid
 from .drawing import mark_refused
 
@@ -133,14 +134,15 @@ def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal | None, required: Req
 
 def _believed(axes: tuple[Any, Any, Any], nominal: Nominal, middle: float, omega: np.ndarray) -> None:
     """Draw the nominal's loop at `middle` [s] and those at the corners of its range, over omega (p,) [rad/s]."""
-    servo, airframe = declared_servo(nominal), airframe_of(nominal)
+    servo, airframe = declared_servo(nominal), airframe_of(nominal, middle)
     law = of_nominal(nominal).law.times(airframe.gain)
-    believed = np.array([*(float(x) for x in nominal.vehicle.at(np.array(middle))), *servo.mean, airframe.damping])
+    believed = np.array([*(float(x) for x in nominal.vehicle.at(np.array(middle))), *servo.mean, airframe.damping,
+                         *(float(x) for mode in airframe.modes for x in (mode.frequency, mode.size))])
     omega = omega[omega < np.pi / law.period]
     nichols = axes[0]
 
     def response(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return _response(loops(plants_of(rows, servo.is_first_order, airframe.modes), law), omega)
+        return _response(loops(plants_of(rows, servo.is_first_order, airframe.modes, airframe.further), law), omega)
 
     if nominal.uncertainty is not None:
         sigma = np.array([float(x) for x in nominal.uncertainty.at(np.array(middle))])

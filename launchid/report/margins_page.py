@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from sim.sections import Required
 
-from ..robustness.flight_margins import MARGIN_NAMES, closing_lines, gain_lines, heads, margin_words
+from ..robustness.flight_margins import MARGIN_NAMES, closing_lines, crossing_lines, gain_lines, heads, margin_words
 from .folder import Picture, paragraphs, write_report
 from .page import table, text
 
@@ -35,7 +35,8 @@ def margins_report(found: "FlightMargins", folder: str | Path) -> None:
                          "-" if stable is None else f"{stable:.4f}"])
             chosen.append(any(each["t_start"] == window["t_start"] and each["estimate"] == of
                               for each in said["below"] + said["may_be_below"]))
-    lines = [*closing_lines(said), *gain_lines(said), *(said[key] for key in ("why", "next") if key in said),
+    lines = [*crossing_lines(said), *closing_lines(said), *gain_lines(said),
+             *(said[key] for key in ("why", "next") if key in said),
              *said["findings"], *(f"assumed: {each}" for each in said["assumed"]), *found.warnings]
     required = Required() if found.nominal is None else found.nominal.margins
     whose = "the log alone" if found.nominal is None else f"nominal {found.nominal.name}"

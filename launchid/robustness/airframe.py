@@ -17,26 +17,31 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from launchid_core import Estimate
+from launchid_core import Estimate, function_value, parse_term
 from sim.effects import effect as made_effect
 from sim.effects import values
+from sim.errors import InputError
+from sim.flight import packed
 from sim.nominal import Nominal
+from sim.onboard import REFUSED, servo_of
 
+from ..controller.law import Law, law_of
 from ..formatting import with_std
 from ..log.log import Log
-from .loops import Mode
+from .blocks import NOTHING_FURTHER, Further, Mode, Plants
 
 DAMPING_SUPPOSED = 0.05  # 1/s, one sigma about the nominal's where the log does not tell it better: of launchers at
 #                        greatest dynamic pressure; in wind, which damping looks like, a log tells it to 0.2
 DAMPING_SIGMAS = 4.0   # beyond which a damping is another one than the nominal's, beyond doubt
 DAMPING_ROWS = 2       # windows, at least
 DAMPING_FAR = 5.0      # standard deviations from the median: of another vehicle than in the other windows
+SLOPE_STEP = 1e-4      # rad: of a function's slope at 0
 SUPPOSED = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}   # of a servo nobody saw
 
 
 class Airframe(NamedTuple):
     """What is known of the loop beside a6, k1, servo and controller: damping [1/s], its standard deviation and by how
-    much a6 and k1 move with it, a factor on the commands, modes."""
+    much a6 and k1 move with it, a factor on the commands, modes, and the rest."""
 
     damping: float = 0.0
     damping_std: float = 0.0
@@ -44,6 +49,7 @@ class Airframe(NamedTuple):
     modes: tuple[Mode, ...] = ()
     modes_std: tuple[float, ...] = ()   # of frequency [rad/s] and size of each mode
     slopes: tuple[float, float] = (0.0, 0.0)   # of a6, k1 [1/s^2] in the damping [1/s]
+    further: Further = NOTHING_FURTHER
 
 
 class DampedWindow(NamedTuple):
@@ -178,14 +184,70 @@ def airframe_of(nominal: Nominal, t: float = 0.0, seen: Sequence[Any] = (),
         k = next(k for k, mode in enumerate(modes) if mode.name == each.name)
         modes[k] = modes[k]._replace(frequency=each.frequency, size=each.size)
         std[2 * k:2 * k + 2] = each.frequency_std, each.size_std
+    z_alpha, z_beta = (0.0, 0.0) if nominal.drift is None else (float(x) for x in nominal.drift.at(np.array(t)))
+    further = Further(z_alpha, z_beta)
     for effect in nominal.effects:
         given = values(effect)
-        if effect.name == "aero_damping":
-            damping += float(given["coefficient"])
-        elif effect.name == "actuator_gain":
-            gain *= float(given["scale"])
-    damping_std, slopes = (0.0, (0.0, 0.0)) if told is None else (told.used[1], told.slopes_at(t))
-    return Airframe(damping, damping_std, gain, tuple(modes), tuple(std), slopes)
+        match effect.name:
+            case "friction" | "attitude_delay" | "gyro_delay":
+                raise InputError(f"{nominal.path}: effect {effect.name!r}: the frozen loop has no model of it; "
+                                 + REFUSED[effect.name])
+            case "aero_damping":
+                damping += float(given["coefficient"])
+            case "actuator_gain":
+                gain *= float(given["scale"])
+            case "lateral_drift":
+                further = further._replace(z_alpha=further.z_alpha + float(given["z_alpha"]),
+                                           z_beta=further.z_beta + float(given["z_beta"]))
+            case "nozzle_inertia":
+                further = further._replace(nozzle_inertia=further.nozzle_inertia + float(given["coefficient"]))
+            case "gyro_scale":
+                further = further._replace(gyro_scale=further.gyro_scale * float(given["scale"]))
+            case "input_washout":
+                further = further._replace(washout=float(given["time_constant"]) if math.isfinite(
+                    float(given["time_constant"])) else 0.0)
+            case "missing_term":
+                lean, slowed, turn = slopes_of(str(given["term"]), float(given["coefficient"]))
+                damping -= slowed
+                further = further._replace(lean=further.lean + lean, turn=further.turn + turn)
+    for term, coefficient in nominal.terms:
+        lean, slowed, turn = slopes_of(term, coefficient)
+        damping -= slowed
+        further = further._replace(lean=further.lean + lean, turn=further.turn + turn)
+    if nominal.actuator is not None:
+        further = further._replace(command_lag=servo_of(nominal, nominal.actuator)["command_lag"])
+    damping_std, moved = (0.0, (0.0, 0.0)) if told is None else (told.used[1], told.slopes_at(t))
+    return Airframe(damping, damping_std, gain, tuple(modes), tuple(std), moved, further)
+
+
+def slopes_of(term: str, coefficient: float) -> tuple[float, float, float]:
+    """Return the slopes of a library term's acceleration in theta, theta_dot and beta, where all stand at 0."""
+    *powers, _, function, argument = parse_term(term)[:6]
+    at_rest = function_value(function, 0.0) if function else 1.0
+    slope = [0.0, 0.0, 0.0]
+    if sum(powers) == 1:
+        slope[powers.index(1)] = coefficient * at_rest
+    elif sum(powers) == 0 and function:
+        ends = [function_value(function, x) for x in (-SLOPE_STEP, SLOPE_STEP)]
+        slope[argument] = coefficient * (ends[1] - ends[0]) / (2.0 * SLOPE_STEP)
+    lean, slowed, turn = slope
+    return lean, slowed, turn
+
+
+def frozen(nominal: Nominal, t: float, a6: float, k1: float, kp: float | None = None,
+           kd: float | None = None) -> tuple[Plants, Law]:
+    """Return a nominal's plant (1) with a6, k1 [1/s^2] and its controller's law, frozen at t [s]; kp, kd [s] in place
+    of the controller's gains."""
+    assert nominal.actuator is not None and nominal.controller is not None
+    airframe, servo, one = airframe_of(nominal, t), servo_of(nominal, nominal.actuator), np.ones(1)
+    is_first_order = nominal.actuator.is_first_order
+    w = 1.0 / servo["time_constant"] if is_first_order else servo["natural_frequency"]
+    plant = Plants(a6 * one, k1 * one, w * one, servo["damping_ratio"] * one, servo["delay"] * one, airframe.damping,
+                   is_first_order, airframe.modes, airframe.further)
+    own, changed = nominal.controller, packed(nominal)
+    own = replace(own, kp=changed.kp_scale * (own.kp if kp is None else kp), kd=changed.kd_scale * (
+        own.kd if kd is None else kd))
+    return plant, law_of(own, late=changed.computing_time / own.period).times(airframe.gain)
 
 
 def modes_at(nominal: Nominal, t: float) -> tuple[list[Mode], list[float]]:

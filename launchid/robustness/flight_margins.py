@@ -13,12 +13,12 @@ what cannot be asked (UNCHECKED).
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from launchid_core import Change, Estimate
-from sim.errors import InputError
 from sim.nominal import Nominal
 from sim.onboard import onboard_model
 from sim.sections import SERVO, Required
@@ -27,7 +27,7 @@ from ..formatting import json_number, servo_lines
 from . import flown as fl
 from .airframe import Airframe, Damping, airframe_of
 from .gains import allowed, telling
-from .margin_spread import MARGIN_NAMES, MARGINS, Known, Spread, joined, margin_spread
+from .margin_spread import MARGIN_NAMES, MARGINS, RIGID, Known, Spread, joined, margin_spread
 
 # of what has margins or has none; else the estimator's own status
 OK_MARK, CHANGE_MARK, UNKNOWN_MARK = "OK", "CHANGE", "UNKNOWN"
@@ -59,11 +59,8 @@ class WindowMargins(NamedTuple):
 
 
 def declared_servo(nominal: Nominal) -> Servo:
-    """Return a nominal's servo, its sigma as covariance; InputError if the loop has a part without a model."""
+    """Return a nominal's servo, its sigma as covariance; InputError if the filter has no model of a part."""
     nominal.require("actuator")
-    if nominal.drift is not None:
-        raise InputError(f"{nominal.path}: [drift]: the frozen loop has no model of it yet; expected a nominal without "
-                         "it")
     model = onboard_model(nominal)
     if model.time_constant > 0.0:
         return Servo(np.array([1.0 / model.time_constant, 1.0, model.delay]),
@@ -153,6 +150,7 @@ def margins_of(rigid: Sequence[float], servo: Servo, controller: fl.Judged, airf
         covariance[:2, 5] = covariance[5, :2] = moved * airframe.damping_std
         mean[6:] = [float(x) for mode in modes for x in (mode.frequency, mode.size)]
         covariance[6:, 6:] = np.diag(np.square(airframe.modes_std))
+    controller = _following(controller, airframe)
     known = [_with_law(mean, covariance, count, servo, each, airframe) for each in controller.each]
     spread = joined([margin_spread(one, each.law) for one, each in zip(known, controller.each, strict=True)])
     return Judged(OK_MARK, known[0], spread, controller)
@@ -167,7 +165,16 @@ def _with_law(mean: np.ndarray, covariance: np.ndarray, count: int, servo: Servo
         covariance = np.block([[covariance, np.zeros((count, numbers))],
                                [np.zeros((numbers, count)), fitted.covariance]])
         mean, laws = np.append(mean, fitted.numbers), controller.laws
-    return Known(mean, covariance, count, servo.is_first_order, airframe.modes, laws, airframe.gain)
+    return Known(mean, covariance, count, servo.is_first_order, airframe.modes, laws, airframe.gain, airframe.further)
+
+
+def _following(controller: fl.Judged, airframe: Airframe) -> fl.Judged:
+    """Return the nominal's controller with filters that follow a mode where the mode is believed."""
+    own = controller.controller
+    if own is None or not own.followed:
+        return controller
+    tuned = own.following({mode.name: float(mode.frequency) for mode in airframe.modes})
+    return replace(controller, controller=tuned, law=fl.law_of(tuned, late=controller.late))
 
 
 def judged(nominal: Nominal, rigid: Sequence[float], servo: Servo, gains: tuple[float, float] | None = None,
@@ -200,11 +207,15 @@ def interval_json(spread: Spread, name: str) -> dict[str, float | None]:
 
 def margins_json(judgement: Judged) -> dict[str, Any]:
     """Return one estimate's margins as JSON: valid, status, value/std/low/high of each of MARGIN_NAMES, stable, ms,
-    crossover [rad/s], controller."""
+    crossover [rad/s], controller; of a loop with modes also the margins of the rigid crossings and of each mode."""
     spread = judgement.spread
     said: dict[str, Any] = {"valid": judgement.valid, "status": judgement.status}
     for name in MARGIN_NAMES:
         said[name] = dict(NO_MARGIN) if spread is None else interval_json(spread, name)
+    if spread is not None and spread.modes:
+        said |= {"rigid": {name: {end: json_number(x) for end, x in interval._asdict().items()}
+                           for name, interval in zip(RIGID, spread.rigid, strict=True)},
+                 "modes": {each.name: each.json for each in spread.modes}}
     return said | {"stable": {"probability": None if spread is None else spread.stable},
                    "ms": None if spread is None else json_number(spread.ms),
                    "crossover": [] if spread is None else [x.frequency for x in spread.crossings if x.kind == "phase"],
@@ -314,7 +325,23 @@ def table(said: dict[str, Any]) -> str:
     lines += servo_lines(said["actuator"])
     lines += [*below_lines(said["below"], "is"), *below_lines(said["may_be_below"], "may be")]
     lines += [*said["findings"], *(f"assumed: {each}" for each in said["assumed"])]
-    return "\n".join([*lines, *closing_lines(said), *gain_lines(said)])
+    return "\n".join([*lines, *crossing_lines(said), *closing_lines(said), *gain_lines(said)])
+
+
+def crossing_lines(said: dict[str, Any]) -> list[str]:
+    """Return a line on the rigid crossings and one on each mode of the last window of `said` that has margins; []
+    without modes."""
+    there = [window for window in said["windows"] if window.get("modes")]
+    if not there:
+        return []
+    window = there[-1]
+    rigid = ", ".join(f"{MARGINS[name].words} {margin_words(window['rigid'][name], name)} {MARGINS[name].unit}"
+                      for name in RIGID)
+    lines = [f"in {window['t_start']:g}..{window['t_end']:g} s, rigid body: {rigid}"]
+    for name, each in window["modes"].items():
+        of, unit = ("gain_db", "dB below 1") if each["stabilised"] == "gain" else ("phase_deg", "degrees")
+        lines.append(f"{name}: {each['stabilised']} stabilised, by {interval_words(each[of], 'dB')} {unit}")
+    return lines
 
 
 def closing_lines(said: dict[str, Any]) -> list[str]:

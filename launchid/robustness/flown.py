@@ -21,12 +21,13 @@ import numpy as np
 from launchid_core import Estimate
 from sim.errors import UsageError
 from sim.nominal import Controller, Nominal
+from sim.nominal.control import OF_LAW
 from sim.onboard import onboard_model
 from sim.plant import packed
 
 from ..controller.fit import FittedLaw, answered, fit_law
 from ..controller.law import Law, law_of
-from ..controller.replay import MIN_COMMANDS, Replay, constants_of, issued, replay, rms
+from ..controller.replay import MIN_COMMANDS, NO_COMMANDS, Replay, constants_of, issued, replay, rms
 from ..log.log import Log
 from .airframe import DAMPING_SUPPOSED, SUPPOSED, Damping, airframe_of
 from .closed_loop import data_of, fit_closed_loop
@@ -218,7 +219,7 @@ def _given(nominal: Nominal, asked: Choice) -> Judged:
     nominal.require("controller")
     own = of_nominal(nominal)
     assert own.controller is not None
-    lacks = {"ki"} if not own.controller.is_rate_law else {"kd", "derivative_time_constant"}
+    lacks = {"ki", "kd", "derivative_time_constant"} - set(OF_LAW[own.controller.law])
     for name in asked.given:
         if name in lacks:
             raise UsageError(f"--controller {name}: the nominal's law \"{own.controller.law}\" has no {name}")
@@ -452,17 +453,18 @@ def recomputed(log: Log, nominal: Nominal) -> Log | str:
     known."""
     own = nominal.controller
     assert own is not None
-    seen, reference = ("theta_dot", "rate_ref") if own.is_rate_law else ("theta", "theta_ref")
-    lacking = [name for name in (seen, reference, "beta") if not np.isfinite(getattr(log, name)).any()]
+    lacking = [name for name in (*(name for pair in own.reads for name in pair), "beta")
+               if not np.isfinite(getattr(log, name)).any()]
     if lacking:
         return f"the log has no {' and no '.join(lacking)}"
-    if len(own.reads) > 1 or own.followed:
-        return "its law reads the gyro too, or a filter of it follows a mode"
+    if own.followed:
+        return "a filter of it follows a mode, which the estimator on board told with the commands"
     held = max(1, round(own.period / log.period))
     if log.period > SLOWER * own.period:
         return f"the log's rows are {log.period:g} s apart, the controller's commands {own.period:g} s"
-    error = (getattr(log, seen) - getattr(log, reference))[::held]
-    commands, _ = issued(nominal, constants_of(nominal), error, np.full(len(error), -0.0))
+    error, *rates = ((getattr(log, seen) - getattr(log, reference))[::held] for seen, reference in own.reads)
+    commands, _ = issued(nominal, constants_of(nominal), error, np.full(len(error), -0.0),
+                         rates=rates[0] if rates else NO_COMMANDS)
     return replace(log, beta_cmd=np.repeat(commands, held)[:len(log.t)])
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from sim.sections import Required
 
 from ..controller.law import Law
-from .loops import loops, plants_of
+from .loops import loops
 from .margin_spread import MARGINS, margin_spread, margin_table
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def _keeps(judged: "JudgedMargins", worst: np.ndarray, factors: dict[str, np.nda
         parts.append([np.broadcast_to(x, (count, x.shape[-1])) for x in (law.theta, law.rate, law.lag)])
     theta, rate, lag = (np.concatenate(x) for x in zip(*parts, strict=True))
     law = Law(theta, rate, lag, controller.law.period).times(known.gain)
-    plants = plants_of(np.tile(worst[:, :known.count], (len(parts), 1)), known.is_first_order, known.modes)
+    plants = known.plants(np.tile(worst[:, :known.count], (len(parts), 1)))
     table = margin_table(loops(plants, law))
     kept = np.any(table, axis=1)
     for k, margin in enumerate(MARGINS.values()):

@@ -17,12 +17,12 @@ finite M(z) with two deltas is exact.  The exact M(z) of the lifted loop (Bamieh
 Dullerud, Control of Uncertain Sampled-Data Systems, 1996) is an operator whose Delta-channel is L2[0, T); the jump
 system is its state space.
 
-Assumptions: parameters frozen at the asked time; linear loop: no deflection limit, noise or quantisation; the rigid
-launcher of two parameters: further vehicle terms and [[effects]] of the nominal are left out;
-delta constant in time; the delay holds each command and cuts inside a period exactly.
+Assumptions: parameters frozen at the asked time; linear loop: no deflection limit, noise or quantisation; the plant of
+`blocks`, of which a6 and k1 alone are uncertain; delta constant in time; the delay holds each command and cuts inside a
+period exactly.
 
-State (n,): theta [rad], theta_dot [rad/s], beta [rad], beta_dot/w [rad], v [rad] at the actuator's input, the
-derivative filter's state [rad], then [rad] the commands under way: the one due at kT + fraction, and the queue.
+State (n,): that of `blocks.flow_of`, theta first, v [rad] at the actuator's input last; the controller's
+(`blocks.realised`); then [rad] the commands under way: the one due at kT + fraction, and the queue.
 """
 
 import itertools
@@ -33,10 +33,13 @@ from typing import NamedTuple
 import numpy as np
 
 from sim.errors import InputError
-from sim.nominal import Actuator, Controller, Nominal, Profile
+from sim.flight import parameters
+from sim.nominal import Nominal, Profile
 
-PLANT_THETA, PLANT_THETA_DOT, PLANT_BETA, BETA_RATE, PLANT_INPUT, PLANT_FILTER = range(6)
-N_FIXED = 6
+from ..controller.law import Law
+from .airframe import frozen
+from .blocks import THETA, Plants, flow_of, realised, static_factor, static_line
+
 EXPONENTIAL_ORDER = 14   # scaled norm <= 1/2: the remainder is below 3e-17
 OFF_CIRCLE = 1e-13       # relative: far above rounding, far below what any margin shows
 WHOLE_PERIOD = 1e-9      # of a period: a delay this close to whole periods is whole
@@ -63,17 +66,30 @@ class Lft:
     switch: np.ndarray          # (n, n)
     fraction: float             # s, after the tick
     period: float               # s
-    kp: float
-
-    @property
-    def delay(self) -> float:
-        """Return the transport delay [s] between the controller's command and the actuator's input."""
-        return (len(self.a) - N_FIXED - (self.fraction > 0.0)) * self.period + self.fraction
+    delay: float                # s, between the controller's command and the actuator's input
+    plant: Plants               # at delta = 0
+    law: Law
 
     def parameters(self, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return a6, k1, each (...) [1/s^2], at delta (..., 2)."""
         factor = 1.0 + self.sigma * delta
         return self.a6 * factor[..., 0], self.k1 * factor[..., 1]
+
+    @property
+    def has_other_paths(self) -> bool:
+        """Whether commands reach the sensors by more than k1."""
+        further = self.plant.further
+        return further.turn != 0.0 or further.z_beta != 0.0 or further.nozzle_inertia != 0.0 or any(
+            mode.is_bending for mode in self.plant.modes)
+
+    def static(self, delta: np.ndarray) -> np.ndarray:
+        """Return the factor (m,) on the gain with a root at z = 1, at delta (m, 2); NaN where no factor has one."""
+        a6, k1 = self.parameters(delta)
+        return static_factor(self.plant._replace(a6=a6, k1=k1), self.law)
+
+    def static_line(self) -> tuple[float, float, float]:
+        """Return (p, q, r) of the line p a6 + q k1 + r = 0 on which the loop has a root at z = 1."""
+        return static_line(self.plant, self.law)
 
 
 class Sampled(NamedTuple):
@@ -112,27 +128,35 @@ def lft_at(nominal: Nominal, t: float, kp: float | None = None, kd: float | None
     """Return the linear fractional transformation M of a nominal's closed loop, frozen at time t [s].
 
     kp, kd [s]   instead of the nominal's gains
-    Raises InputError: a section missing, sigma not above 0, a time the profile does not cover.
+    Raises InputError: a section missing, sigma not above 0, a time the profile does not cover, an effect that no loop
+    has a model of.
     """
     nominal.require("uncertainty", "actuator", "controller")
-    refuse_foreign_loop(nominal, "the frozen loop")
-    actuator, controller = nominal.actuator, nominal.controller
-    assert nominal.uncertainty is not None and actuator is not None and controller is not None
-    a6, k1 = value_at(nominal.vehicle, t, f"{nominal.path}: [vehicle]")
+    assert nominal.uncertainty is not None
+    value_at(nominal.vehicle, t, f"{nominal.path}: [vehicle]")
+    a6, k1 = (float(x) for x in parameters(nominal, np.array(t)))
     sigma = np.array(value_at(nominal.uncertainty, t, f"{nominal.path}: [uncertainty]"))
     if not np.all(sigma > 0.0):
         raise InputError(f"{nominal.path}: uncertainty = {sigma.tolist()} at t = {t!r} s: expected sigma above 0")
-    whole, fraction = split_delay(actuator.delay, controller.period)
-    n = N_FIXED + whole + (fraction > 0.0)
-    gains = (controller.kp if kp is None else kp, controller.kd if kd is None else kd)
-    command, command_reference, tick, reference = _controller(controller, gains, n)
-    hold, switch = _delay_line(tick, whole, fraction)
-    b, c = np.zeros((n, 2)), np.zeros((2, n))
-    b[PLANT_THETA_DOT] = 1.0
-    c[0, PLANT_THETA], c[1, PLANT_BETA] = a6 * sigma[0], k1 * sigma[1]
-    return Lft(t=float(t), a6=a6, k1=k1, sigma=sigma, a=_flow(a6, k1, actuator, n), b=b, c=c, d=np.zeros((2, 2)),
-               tick=tick, hold=hold, reference=reference, command=command, command_reference=command_reference,
-               switch=switch, fraction=fraction, period=controller.period, kp=gains[0])
+    plant, law = frozen(nominal, t, a6, k1, kp, kd)
+    flow, own, delay = flow_of(plant), realised(law), float(plant.delay[0])
+    whole, fraction = split_delay(delay, law.period)
+    entry, begin = len(flow.alpha) - 1, len(flow.alpha)   # the actuator's input, the controller's first state
+    fixed = begin + len(own.c)
+    n = fixed + whole + (fraction > 0.0)
+    a, b, c = np.zeros((n, n)), np.zeros((n, 2)), np.zeros((2, n))
+    a[:begin, :begin] = flow.state[0]
+    b[:begin] = flow.driven[:, None]
+    c[0, :begin], c[1, :begin] = a6 * sigma[0] * flow.alpha, k1 * sigma[1] * flow.beta
+    command, tick, reference = np.zeros(n), np.eye(n), np.zeros(n)
+    channel = 1 if law.is_of_rate else 0   # of the reference
+    command[:begin], command[begin:fixed] = own.d @ flow.sensed, own.c
+    tick[begin:fixed, :begin], tick[begin:fixed, begin:fixed] = own.b @ flow.sensed, own.a
+    reference[begin:fixed] = -own.b[:, channel]
+    hold, switch = _delay_line(tick, whole, fraction, entry, fixed)
+    return Lft(t=float(t), a6=a6, k1=k1, sigma=sigma, a=a, b=b, c=c, d=np.zeros((2, 2)), tick=tick, hold=hold,
+               reference=reference, command=command, command_reference=-float(own.d[channel]), switch=switch,
+               fraction=fraction, period=law.period, delay=whole * law.period + fraction, plant=plant, law=law)
 
 
 def split_delay(delay: float, period: float) -> tuple[int, float]:
@@ -142,51 +166,24 @@ def split_delay(delay: float, period: float) -> tuple[int, float]:
     return whole, rest if rest > WHOLE_PERIOD * period else 0.0
 
 
-def _flow(a6: float, k1: float, actuator: Actuator, n: int) -> np.ndarray:
-    """Return a (n, n): theta_ddot = a6 theta + k1 beta and the servo (state beta_dot/w); the other states are held."""
-    w = actuator.natural_frequency
-    a = np.zeros((n, n))
-    a[PLANT_THETA, PLANT_THETA_DOT] = 1.0
-    a[PLANT_THETA_DOT, PLANT_THETA], a[PLANT_THETA_DOT, PLANT_BETA] = a6, k1
-    a[PLANT_BETA, BETA_RATE] = w
-    a[BETA_RATE, PLANT_BETA], a[BETA_RATE, BETA_RATE], a[BETA_RATE,
-                                                         PLANT_INPUT] = -w, -2.0 * actuator.damping_ratio * w, w
-    return a
-
-
-def _controller(controller: Controller, gains: tuple[float, float],
-                n: int) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:
-    """Return the controller's command (n,), command_reference, tick (n, n), reference (n,) for gains (kp, kd [s]).
-
-    The filter d = (tau d + e - e_previous)/(tau + T) with one state s, s <- p s + e, p = tau/(tau + T):
-    d = (e + (p - 1) s)/(tau + T).  Other states keep their value at a tick.
-    """
-    kp, kd = gains
-    lag = controller.derivative_time_constant + controller.period
-    pole = controller.derivative_time_constant / lag
-    command, tick, reference = np.zeros(n), np.eye(n), np.zeros(n)
-    command[PLANT_THETA], command[PLANT_FILTER] = kp + kd / lag, kd * (pole - 1.0) / lag
-    tick[PLANT_FILTER, PLANT_THETA], tick[PLANT_FILTER, PLANT_FILTER] = 1.0, pole
-    reference[PLANT_FILTER] = -1.0
-    return command, -(kp + kd / lag), tick, reference
-
-
-def _delay_line(tick: np.ndarray, whole: int, fraction: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return hold (n,) and switch (n, n); write the queue's shift into `tick` (n, n) in place.
+def _delay_line(tick: np.ndarray, whole: int, fraction: float, entry: int,
+                fixed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return hold (n,) and switch (n, n); write the queue's shift into `tick` (n, n) in place.  entry: the actuator's
+    input; fixed: the first state of the queue, or of what is due.
 
     At a tick the oldest of `whole` queued commands leaves the queue, the new one enters; what leaves is at the
     actuator's input at once, or, with a fraction of a period left, waits in `due` until the switch.
     """
     n = len(tick)
     hold, switch = np.zeros(n), np.eye(n)
-    leaves = N_FIXED if fraction > 0.0 else PLANT_INPUT
+    leaves = fixed if fraction > 0.0 else entry
     places = [leaves, *range(n - whole, n)]      # from the exit back to the entry
     for place, behind in itertools.pairwise(places):
         tick[place] = np.eye(n)[behind]
     tick[places[-1]] = 0.0
     hold[places[-1]] = 1.0
     if fraction > 0.0:
-        switch[PLANT_INPUT] = np.eye(n)[N_FIXED]
+        switch[entry] = np.eye(n)[fixed]
     return hold, switch
 
 
@@ -250,7 +247,8 @@ def loop_gain(loop: Sampled, omega: np.ndarray) -> np.ndarray:
 
 
 def frequency_response(lft: Lft, delta: np.ndarray | tuple[float, float], omega: np.ndarray) -> np.ndarray:
-    """Return the closed loop (..., p, 2) from theta_ref to (theta, command) at the ticks, at omega (p,) [rad/s].
+    """Return the closed loop (..., p, 2) at the ticks, at omega (p,) [rad/s], from theta_ref (of a law of the rate
+    alone: rate_ref) to (theta, command).
 
     delta (..., 2) within [-1, 1], else ValueError.  Closed from the responses of the cut loop: the tiny theta near half
     the sampling rate keeps full precision.
@@ -260,7 +258,7 @@ def frequency_response(lft: Lft, delta: np.ndarray | tuple[float, float], omega:
     x = _resolvent(loop.a, inputs, np.asarray(omega, dtype=float), loop.period)
     command = np.einsum("...nk,n->...k", x, loop.command)
     u = (command[..., 1] + loop.command_reference) / (1.0 - command[..., 0])
-    return np.stack([x[..., PLANT_THETA, 1] + x[..., PLANT_THETA, 0] * u, u], axis=-1)
+    return np.stack([x[..., THETA, 1] + x[..., THETA, 0] * u, u], axis=-1)
 
 
 def _resolvent(a: np.ndarray, b: np.ndarray, omega: np.ndarray, period: float) -> np.ndarray:
@@ -279,16 +277,3 @@ def _resolvent(a: np.ndarray, b: np.ndarray, omega: np.ndarray, period: float) -
 def _pencil(z: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Return z I - a (..., p, n, n)."""
     return z[..., None, None] * np.eye(a.shape[-1]) - a[..., None, :, :]
-
-
-def refuse_foreign_loop(nominal: Nominal, who: str) -> None:
-    """Raise InputError if the nominal's loop is not rigid body, second-order servo and PD of attitude; it names the
-    section that `who` has no model of."""
-    actuator, controller = nominal.actuator, nominal.controller
-    for name, is_there in (
-            ("[drift]", nominal.drift is not None),
-            ("[actuator] time_constant", actuator is not None and actuator.is_first_order),
-            ('[controller] law = "rate"', controller is not None and controller.is_rate_law),
-            ("[[controller.filters]]", controller is not None and len(controller.filters) > 0)):
-        if is_there:
-            raise InputError(f"{nominal.path}: {name}: {who} has no model of it yet; expected a nominal without it")

@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,8 +28,10 @@ from sim.nominal import Controller
 from sim.sections import Required
 
 from ..controller.law import Law
-from .loops import Loops, Mode, loops, plants_of
-from .margins import crossings, disk_margin, frequency_grid, gain_margins, modulus_margin, phase_margins
+from ..formatting import json_number
+from .blocks import NOTHING_FURTHER, Further, Mode, Plants, plants_of
+from .loops import Loops, loops
+from .margins import NEAR_PEAK, crossings, disk_margin, frequency_grid, gain_margins, modulus_margin, phase_margins
 
 
 class Margin(NamedTuple):
@@ -56,7 +58,9 @@ MODULUS_ZOOMS = 2      # of the modulus margin's minimum: to 1e-6 of it
 CLIMBS = 2             # of each extreme, each to where the last slope points
 SLOPE_STEP = 0.05      # standard deviations: of a slope's difference
 STABLE_WITHIN = 4.0    # standard deviations: where no loop is unstable within them, the loop is stable
-NEAR_MODE = math.log(1.25)  # of ln frequency: a crossing so near a mode is the mode's
+# of ln frequency: a crossing so near a mode is the mode's; slosh is a pole beside a zero, beyond which it is not seen
+NEAR_BENDING, NEAR_SLOSH = math.log(1.25), math.log(1.05)
+RIGID = ("gain_low_db", "gain_high_db", "phase_deg")   # margins of the crossings that are no mode's
 MANY = 2048            # points that count how probable it is, where one is
 KNOWN_DIRECTION = 1e-12  # of the largest share of the spread: below it a direction is known
 
@@ -89,6 +93,11 @@ class Known:
     modes: tuple[Mode, ...] = ()
     laws: Callable[[np.ndarray], Law] | None = None   # of rows of the further numbers
     gain: float = 1.0                 # times the law's commands
+    further: Further = NOTHING_FURTHER   # what is in the loop besides, and known
+
+    def plants(self, numbers: np.ndarray) -> Plants:
+        """Return the plants of rows of the plant's numbers (m, count)."""
+        return plants_of(numbers, self.is_first_order, self.modes, self.further)
 
     def loops(self, numbers: np.ndarray, controller: Controller | Law, kp: float | None = None,
               kd: float | None = None) -> Loops:
@@ -97,7 +106,7 @@ class Known:
             controller = self.laws(numbers[:, self.count:])
         if isinstance(controller, Law):
             controller = controller.times(self.gain)
-        return loops(plants_of(numbers[:, :self.count], self.is_first_order, self.modes), controller, kp, kd)
+        return loops(self.plants(numbers[:, :self.count]), controller, kp, kd)
 
 
 class Crossing(NamedTuple):
@@ -109,6 +118,26 @@ class Crossing(NamedTuple):
     frequency: float
     margin: float
     of: str
+
+
+class ModeMargin(NamedTuple):
+    """A mode in the loop: how far its peak is below 1 [dB] (gain stabilised where that is above 0), and the least phase
+    margin [deg] where its peak crosses 1 (else phase stabilised; infinite where nothing crosses)."""
+
+    name: str
+    gain_db: Interval
+    phase_deg: Interval
+
+    @property
+    def is_gain_stabilised(self) -> bool:
+        return self.gain_db.value > 0.0
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """Which margin holds it, and both with their intervals."""
+        return {"stabilised": "gain" if self.is_gain_stabilised else "phase",
+                **{key: {end: json_number(x) for end, x in getattr(self, key)._asdict().items()}
+                   for key in ("gain_db", "phase_deg")}}
 
 
 @dataclass(frozen=True)
@@ -127,6 +156,8 @@ class Spread:
     disk_margin: Interval
     stable: float          # the probability that the loop is
     crossings: tuple[Crossing, ...] = ()
+    rigid: tuple[Interval, ...] = ()   # of a loop with modes: RIGID of the crossings that are no mode's
+    modes: tuple["ModeMargin", ...] = ()
     worst: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), compare=False, repr=False)
 
     @property
@@ -151,9 +182,24 @@ class Spread:
         return misses
 
 
-def margin_table(many: Loops) -> np.ndarray:
-    """Return margins (m, 6) of m loops in order of MARGIN_NAMES: 0 if unstable, infinite where nothing limits one."""
+def grid_of(many: Loops) -> np.ndarray:
+    """Return the grid (p,) [rad/s] of m loops, or (m, p), each its own, where their modes lie apart."""
     omega = frequency_grid(many.period, (float(np.max(many.whole)) + 1.0) * many.period, many.peaks)
+    centres = many.centres
+    if centres is None or not np.ptp(centres, axis=0).any():
+        return omega
+    own = (centres[:, :, None] * np.exp(np.concatenate([-NEAR_PEAK, [0.0], NEAR_PEAK]))).reshape(len(centres), -1)
+    common = np.broadcast_to(omega, (len(centres), len(omega)))
+    return np.sort(np.concatenate([common, np.clip(own, omega[0], omega[-2])], axis=1), axis=1)
+
+
+def margin_table(many: Loops, modes: tuple[Mode, ...] = ()) -> np.ndarray:
+    """Return margins (m, 6) of m loops in order of MARGIN_NAMES: 0 if unstable, infinite where nothing limits one.
+
+    modes: with them (m, 9 + 2 k), also those of RIGID, then of each of k modes the margin [dB] by which its peak is
+    below 1 and the least phase margin [deg] where its peak crosses 1
+    """
+    omega = grid_of(many)
     gain = many.gain(omega)
     low, high = gain_margins(many, omega, gain, many.static)
     phase, delay = phase_margins(many, omega, gain)
@@ -161,21 +207,61 @@ def margin_table(many: Loops) -> np.ndarray:
     with np.errstate(divide="ignore"):
         table = np.column_stack([20.0 * np.log10(low), 20.0 * np.log10(high), np.degrees(phase), 1e3 * delay, modulus,
                                  disk])
+    if modes:
+        table = np.column_stack([table, *_by_owner(many, modes, omega, gain)])
     table[~many.stable()] = 0.0
     return table
 
 
+def _by_owner(many: Loops, modes: tuple[Mode, ...], omega: np.ndarray, gain: np.ndarray) -> list[np.ndarray]:
+    """Return the columns of `margin_table` beyond those of MARGIN_NAMES; omega, gain as there."""
+    assert many.centres is not None
+    count, every = len(gain), np.broadcast_to(omega, gain.shape)
+
+    def of(k: int, which: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """Whether frequencies `at` [rad/s] of loops `which` are mode k's."""
+        near = NEAR_BENDING if modes[k].is_bending else NEAR_SLOSH
+        assert many.centres is not None
+        return np.abs(np.log(at / many.centres[which, k])) < near
+
+    on, on_omega, on_gain = crossings(many, lambda x: x.real**2 + x.imag**2 - 1.0, omega, gain)
+    axis, axis_omega, axis_gain = crossings(many, np.imag, omega[..., :-1], gain[:, :-1])
+    with np.errstate(divide="ignore"):
+        factor, phase = -1.0 / axis_gain.real, np.degrees(np.abs(np.angle(-on_gain)))
+    owned = [(of(k, on, on_omega), of(k, axis, axis_omega)) for k in range(len(modes))]
+    free, free_axis = (~np.any(each, axis=0) for each in zip(*owned, strict=True))
+    low, high = np.zeros(count), np.full(count, np.inf)
+    static = np.where(many.static < 1.0, many.static, 0.0)
+    np.maximum(low, static, out=low, where=static > 0.0)
+    falls, rises = free_axis & (factor < 1.0), free_axis & (factor > 1.0)
+    np.maximum.at(low, axis[falls], factor[falls])
+    np.minimum.at(high, axis[rises], factor[rises])
+
+    def least(taken: np.ndarray) -> np.ndarray:
+        found = np.full(count, np.inf)
+        np.minimum.at(found, on[taken], phase[taken])
+        return found
+
+    with np.errstate(divide="ignore"):
+        columns = [20.0 * np.log10(low), 20.0 * np.log10(high), least(free)]
+        for k in range(len(modes)):
+            there = np.abs(np.log(np.maximum(every, omega[..., :1]) / many.centres[:, k:k + 1])) < NEAR_SLOSH
+            columns += [-20.0 * np.log10(np.max(np.abs(gain) * there, axis=1)), least(owned[k][0])]
+    return columns
+
+
 def crossings_of(many: Loops, modes: tuple[Mode, ...]) -> tuple[Crossing, ...]:
-    """Return the crossings of the first loop, by frequency; a crossing is a mode's if it is within NEAR_MODE of it."""
+    """Return the crossings of the first loop, by frequency; a crossing near a mode is the mode's."""
     one = many.take(np.arange(1))
-    omega = frequency_grid(one.period, (float(np.max(one.whole)) + 1.0) * one.period, one.peaks)
+    omega = grid_of(one)
     gain = one.gain(omega)
 
     def owner(frequency: float) -> str:
-        near = min(modes, key=lambda mode: abs(math.log(float(np.median(mode.frequency)) / frequency)), default=None)
-        if near is None or abs(math.log(float(np.median(near.frequency)) / frequency)) > NEAR_MODE:
-            return "rigid"
-        return near.name
+        assert one.centres is not None or not modes
+        off = [] if one.centres is None else np.abs(np.log(one.centres[0] / frequency)).tolist()
+        near = [(x, mode.name) for x, mode in zip(off, modes, strict=True)
+                if x < (NEAR_BENDING if mode.is_bending else NEAR_SLOSH)]
+        return min(near)[1] if near else "rigid"
 
     _, on_circle, at_circle = crossings(one, lambda x: x.real**2 + x.imag**2 - 1.0, omega, gain)
     _, on_axis, at_axis = crossings(one, np.imag, omega[:-1], gain[:, :-1])
@@ -196,12 +282,20 @@ def margin_spread(known: Known, controller: Controller | Law, kp: float | None =
         return known.loops(known.mean + u @ root.T, controller, kp, kd)
 
     def judge(u: np.ndarray) -> np.ndarray:
-        return margin_table(loops_at(u))
+        return margin_table(loops_at(u), known.modes)
+
+    def made(intervals: list[Interval]) -> dict[str, Any]:
+        """Return the fields of `Spread` for the columns of `margin_table`."""
+        named = dict(zip(MARGIN_NAMES, intervals, strict=False))
+        first = len(MARGIN_NAMES) + len(RIGID)
+        own = [ModeMargin(mode.name, *intervals[first + 2 * k:first + 2 * k + 2])
+               for k, mode in enumerate(known.modes)]
+        return {**named, "rigid": tuple(intervals[len(MARGIN_NAMES):first]), "modes": tuple(own)}
 
     crossing = crossings_of(loops_at(np.zeros((1, count))), known.modes)
     if count == 0:
         value = judge(np.zeros((1, 0)))[0]
-        return Spread(**dict(zip(MARGIN_NAMES, (Interval(x, 0.0, x, x) for x in value.tolist()), strict=True)),
+        return Spread(**made([Interval(x, 0.0, x, x) for x in value.tolist()]),
                       stable=float(loops_at(np.zeros((1, 0))).stable()[0]), crossings=crossing, worst=known.mean[None])
     inside, on = normal_points(INSIDE, count), INTERVAL * _unit(normal_points(ON_ELLIPSOID, count))
     points = np.concatenate([np.zeros((1, count)), inside, on])
@@ -215,7 +309,7 @@ def margin_spread(known: Known, controller: Controller | Law, kp: float | None =
             or not table.any(axis=1).all():
         stable = float(np.mean(loops_at(normal_points(MANY, count)).stable()))
     worst = [(at_low if each.sign > 0.0 else at_high)[k] for k, each in enumerate(MARGINS.values()) if each.required]
-    return Spread(**dict(zip(MARGIN_NAMES, intervals, strict=True)), stable=stable, crossings=crossing,
+    return Spread(**made(intervals), stable=stable, crossings=crossing,
                   worst=known.mean + np.array([np.zeros(count), *worst]) @ root.T)
 
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from sim.nominal import Nominal
 
+from .blocks import peaks_of
 from .lft import Lft, Sampled, lft_at, sample, spectral_radius
 from .loops import Loops
 
@@ -76,7 +77,7 @@ def crossings(loop: Sampled | Loops, f: Callable[[np.ndarray], np.ndarray], omeg
               gain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find where f(L) changes sign along the grid, by the Illinois secant (Dowell and Jarratt, BIT 11, 1971).
 
-    loop   m loops;  omega (p,) [rad/s] the grid;  gain (m, p) L on it
+    loop   m loops;  omega (p,), or of each loop (m, p), [rad/s] the grid;  gain (m, p) L on it
     f      L -> real, sign-changing at the crossing
     Return for k crossings: the loop's number (k,), omega (k,) [rad/s], L there (k,).
     """
@@ -85,7 +86,8 @@ def crossings(loop: Sampled | Loops, f: Callable[[np.ndarray], np.ndarray], omeg
     which, place = np.nonzero(above[:, 1:] != above[:, :-1])
     if len(which) == 0:
         return which, np.zeros(0), np.zeros(0, complex)
-    low, high, f_low, f_high = omega[place], omega[place + 1], value[which, place], value[which, place + 1]
+    low, high = at_index(omega, which, place), at_index(omega, which, place + 1)
+    f_low, f_high = value[which, place], value[which, place + 1]
     loops, least = loop.take(which), np.minimum(np.abs(f_low), np.abs(f_high))
     at, f_at, kept = low, f_low, np.zeros(len(which))  # which end the last point replaced
     for _ in range(SECANTS):
@@ -100,13 +102,16 @@ def crossings(loop: Sampled | Loops, f: Callable[[np.ndarray], np.ndarray], omeg
     return which[met], at[met], loops.gain(at[:, None])[met, 0]
 
 
+def at_index(omega: np.ndarray, which: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return the frequencies [rad/s] at places (k,) of the grid, which is the same for all loops or each its own."""
+    return omega[place] if omega.ndim == 1 else omega[which, place]
+
+
 def margins(lft: Lft, delta: np.ndarray | tuple[float, float] = (0.0, 0.0)) -> Margins:
     """Return the margins of the loop at each delta (m, 2) or (2,), any real, in sigma of a6 and k1."""
     delta = np.atleast_2d(np.asarray(delta, dtype=float))
-    a6, k1 = lft.parameters(delta)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        static = -a6 / (lft.kp * k1)   # the critical factor at z = 1
-    loop, omega = sample(lft, delta), frequency_grid(lft.period, lft.delay)
+    static, peaks = lft.static(delta), peaks_of(lft.plant, lft.law)
+    loop, omega = sample(lft, delta), frequency_grid(lft.period, lft.delay, peaks)
     stable, gain = spectral_radius(loop) < 1.0, loop.gain(omega)
     low, high = gain_margins(loop, omega, gain, static)
     phase, delay = phase_margins(loop, omega, gain)
@@ -120,7 +125,7 @@ def gain_margins(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray,
 
     omega (p,) [rad/s];  gain (m, p) L on it;  static (m,) the factor at z = 1"""
     inside = slice(0, -1)    # the last frequency is z = -1, where L is real
-    which, _, at = crossings(loop, np.imag, omega[inside], gain[:, inside])
+    which, _, at = crossings(loop, np.imag, omega[..., inside], gain[:, inside])
     with np.errstate(divide="ignore", invalid="ignore"):
         alternating, between = -1.0 / gain[:, -1].real, -1.0 / at.real
     every = np.arange(len(gain))
@@ -151,8 +156,9 @@ def modulus_margin(loop: Sampled | Loops, omega: np.ndarray, gain: np.ndarray, z
     omega (p,) [rad/s];  gain (m, p) L on it;  zooms  each of which costs as much as ZOOM_POINTS of the grid
     """
     least = np.argmin(distance_of(gain), axis=1)
-    low, high = omega[np.maximum(least - 1, 0)], omega[np.minimum(least + 1, len(omega) - 1)]
     every = np.arange(len(gain))
+    low = at_index(omega, every, np.maximum(least - 1, 0))
+    high = at_index(omega, every, np.minimum(least + 1, omega.shape[-1] - 1))
     for _ in range(zooms):
         points = np.linspace(low, high, ZOOM_POINTS, axis=-1)
         distance = distance_of(loop.gain(points))

@@ -9,7 +9,9 @@ Tools for Robustness of Linear Systems, 1994, zero exclusion).  k1 is a gain, so
     k1 = F(omega, a6) = -k1_centre/L(z; a6, k1_centre),   real, omega in (0, pi/T)
 
 and the boundary is the curve Im F = 0, the line z = -1, and z = 1, where the hold keeps the static gain:
-a6 + kp k1 = 0 (the distance to that line is exact).  From a stable centre the first boundary point met is the answer.
+a6 + kp k1 = 0, or another line where the loop has more parts (the distance to it is exact).  Bending and what else
+passes k1 by make L a straight line of k1 in place of a multiple; F is then what that line needs.
+From a stable centre the first boundary point met is the answer.
 
 Why not mu on a frequency grid: for real parameters mu(omega) is not continuous (Barmish, Khargonekar, Shi & Tempo,
 Systems & Control Letters 15, 1990).  The crossover hardly depends on a6, so mu(omega) is a spike that a grid misses.
@@ -31,10 +33,12 @@ import numpy as np
 
 from sim.nominal import Nominal
 
+from .blocks import peaks_of
 from .lft import Lft, lft_at, loop_gain, sample, spectral_radius
 
 BOUNDS_GAP = 2e-3           # relative gap of the bounds
 SPLITTINGS = 30             # of splitting; what is left then widens the bounds
+MOST_CELLS = 5_000          # the same of cells that are left: their points take 200 MB
 # of half the sampling rate; Im F/sin is even about both ends, nothing hides there
 LOWEST_OMEGA = 1e-5
 HIGHEST_OMEGA = 1.0 - 1e-6
@@ -44,6 +48,7 @@ MU_PHASE_STEP = 0.6    # rad that a cell may turn
 LAG_PERIODS = 3.0      # periods of lag beside the delay
 MU_SECTIONS = 16       # of a bracket in omega, in
 POWER_ROUNDS = 10      # rounds: 1e-12 of it is left
+NEAR_PEAK = np.geomspace(1e-3, 0.1, 9)  # relative distances of cells from a mode's frequency
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +136,11 @@ def mu_over_time(nominal: Nominal, times: np.ndarray, centre: np.ndarray | tuple
 
 
 def _static(box: Box) -> Found:
-    """Return how far the range may grow until a corner of it meets the line a6 + kp k1 = 0, where the loop has a pole
-    at z = 1: |s|/(|ds/dp| + |ds/dq|)."""
-    a6, k1 = box.lft.parameters(box.centre)
-    s = a6 + box.lft.kp * k1
-    slope = box.lft.sigma * box.radius * np.array([box.lft.a6, box.lft.kp * box.lft.k1])
+    """Return how far the range may grow until a corner of it meets the line s = 0 on which the loop has a pole at z =
+    1: |s|/(|ds/dp| + |ds/dq|)."""
+    (a6, k1), (of_a6, of_k1, rest) = box.lft.parameters(box.centre), box.lft.static_line()
+    s = of_a6 * a6 + of_k1 * k1 + rest
+    slope = box.lft.sigma * box.radius * np.array([of_a6 * box.lft.a6, of_k1 * box.lft.k1])
     r = abs(s) / np.abs(slope).sum()
     p, q = -np.sign(s) * np.sign(slope) * r
     return Found(float(r), float(p), float(q), 0.0)
@@ -147,6 +152,11 @@ def _needed(box: Box, p: np.ndarray, omega: np.ndarray) -> np.ndarray:
     sigma = box.lft.sigma[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = -1.0 / loop_gain(sample(box.lft, delta), omega)
+        if box.lft.has_other_paths:   # L is a straight line of k1
+            none = delta.copy()
+            none[..., 1] = -1.0 / sigma
+            without = loop_gain(sample(box.lft, none), omega)
+            factor = -(1.0 + without) / (-1.0 / factor - without)
     return (factor - 1.0) * (1.0 + sigma * box.centre[1]) / (sigma * box.radius[1])
 
 
@@ -158,6 +168,9 @@ def _search(box: Box, best: Found) -> tuple[Found, float]:
         best = _improve(box, cells, q, best)
         least = _least(box, cells, q)
         keep = least < (1.0 - BOUNDS_GAP) * best.r
+        if np.count_nonzero(keep) > MOST_CELLS:
+            floor = min(floor, least.min())
+            break
         floor = min(floor, least[~keep].min(initial=math.inf))
         if not keep.any():
             break
@@ -174,6 +187,10 @@ def _first_cells(box: Box, r: float) -> tuple[Cells, np.ndarray]:
     turns = math.ceil(math.pi * (box.lft.delay / box.lft.period + LAG_PERIODS) / MU_PHASE_STEP)
     edges = np.union1d(np.geomspace(LOWEST_OMEGA, HIGHEST_OMEGA, LOG_CELLS + 1),
                        np.linspace(0.0, HIGHEST_OMEGA, turns + 1)[1:]) * top
+    peaks = peaks_of(box.lft.plant, box.lft.law)
+    near = [peak * np.exp(sign * NEAR_PEAK) for peak in peaks for sign in (-1.0, 0.0, 1.0)]
+    if near:
+        edges = np.union1d(edges, np.concatenate(near)[np.concatenate(near) < edges[-1]])
     omega = np.sort(np.concatenate([edges, 0.5 * (edges[1:] + edges[:-1])]))
     p = np.linspace(-r, r, 2 * A6_CELLS + 1)
     q = _needed(box, p, np.append(omega, top))

@@ -14,9 +14,7 @@ from unjitted import unjitted
 
 from launchid.log.log import read_log
 from launchid.main import main
-from launchid.robustness.lft import lft_at
 from sim.effects import from_text
-from sim.errors import InputError
 from sim.flight import SUITES, Flight, fly, fly_whole
 from sim.nominal import Guidance, Multisine, Nominal, Section, load_nominal, write_nominal
 from sim.sections import lowpass, notch
@@ -290,12 +288,3 @@ def test_simulate_writes_the_rate_reference(tmp_path):
     assert main(["simulate", str(tmp_path / "n.toml"), "--out", str(tmp_path / "log.csv")]) == 0
     log, flight = read_log(tmp_path / "log.csv"), fly_whole(short(1.0, controller=RATE))
     assert "rate_ref" in log.columns and log.rate_ref.tobytes() == flight.rate_ref.tobytes()
-
-
-@pytest.mark.parametrize(("sections", "name"), [
-    ({"controller": RATE}, '[controller] law = "rate"'), ({"actuator": LAG}, "[actuator] time_constant"),
-    ({"controller": {"filters": (NOTCH,)}}, "[[controller.filters]]")])
-def test_the_frozen_loop_refuses_what_it_would_ignore(sections, name):
-    with pytest.raises(InputError, match="the frozen loop has no model") as caught:
-        lft_at(short(1.0, **sections), 0.0)
-    assert name in str(caught.value) and len(str(caught.value).splitlines()) == 1

@@ -12,9 +12,10 @@ import launchid
 from launchid.controller.fit import FittedLaw, answered, fit_law
 from launchid.controller.law import Law, law_of
 from launchid.robustness.airframe import modes_at
+from launchid.robustness.blocks import Mode, plants_of
 from launchid.robustness.closed_loop import data_of, fit_closed_loop
 from launchid.robustness.flown import choice
-from launchid.robustness.loops import Mode, loops, plants_of
+from launchid.robustness.loops import loops
 from launchid.robustness.margin_spread import MARGIN_NAMES, crossings_of, margin_table
 from launchid.sources import read_log
 from sim.errors import UsageError

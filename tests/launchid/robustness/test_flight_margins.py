@@ -13,8 +13,9 @@ from test_lft import delayed, held
 import launchid
 from launchid.main import main
 from launchid.robustness import flight_margins as fm
+from launchid.robustness.blocks import Plants, plants_of
 from launchid.robustness.lft import lft_at, loop_gain, sample, spectral_radius
-from launchid.robustness.loops import Plants, loops, plants_of
+from launchid.robustness.loops import loops
 from launchid.robustness.margin_spread import (
     MARGIN_NAMES,
     Interval,
@@ -25,7 +26,6 @@ from launchid.robustness.margin_spread import (
 from sim.effects import effect
 from sim.errors import InputError
 from sim.nominal import Actuator, Controller, Nominal, Required, constant_profile, load_nominal, nominal_lines
-from sim.sections import Drift
 
 control = pytest.importorskip("control")
 
@@ -248,12 +248,6 @@ def test_identified_windows_have_the_same_margins(flight, made):
     found = launchid.identify(flight, "constant", window=5.0, tracked=True).margins()
     assert found.to_json() == made.to_json()
     assert "tracked" not in launchid.identify(flight, "constant", window=5.0).margins().report["windows"][0]
-
-
-def test_a_loop_that_is_not_modelled_is_refused(flight):
-    drift = Drift(np.zeros(1), np.full(1, -0.1), np.full(1, -0.2))
-    with pytest.raises(InputError, match="drift"):
-        launchid.margins(flight, replace(CONSTANT, drift=drift))
 
 
 def test_damping_and_a_servo_of_first_order_are_in_the_loop():

@@ -9,7 +9,8 @@ from shortened import short
 
 import launchid
 from launchid.controller.replay import Replay, replay, rms
-from launchid.robustness.loops import loops, plants_of
+from launchid.robustness.blocks import plants_of
+from launchid.robustness.loops import loops
 from launchid.robustness.margin_spread import MARGIN_NAMES, margin_table
 from launchid.robustness.servo_check import contradictions, followed
 from launchid.sources import read_log

@@ -10,9 +10,10 @@ import pytest
 from launchid.monte_carlo.campaign import Job, draw_jobs
 from launchid.robustness import montecarlo as mc
 from launchid.robustness import reconfigure as rc
+from launchid.robustness.blocks import plants_of
 from launchid.robustness.flown import of_nominal
 from launchid.robustness.lft import lft_at
-from launchid.robustness.loops import loops, plants_of
+from launchid.robustness.loops import loops
 from launchid.robustness.margin_spread import margin_table
 from launchid.robustness.margins import margins
 from launchid_core import Sample, Tracked
