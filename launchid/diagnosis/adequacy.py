@@ -9,7 +9,7 @@ from ..likelihood.estimate import Fit, evaluate, gauss_newton, gram, refreshed
 from ..likelihood.likelihood import LEVELS
 from ..sums import along, square
 from .candidates import CANDIDATE_KINDS
-from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, MOST, TWIN_Z, Elimination, Kept
+from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, MOST, PRODUCTS, TWIN_Z, Elimination, Kept
 from .gain import Gain
 from .known import SCORE_BLOCKS
 from .model import Model
@@ -135,7 +135,8 @@ def clear(m: Model, el: Elimination, listed: list[Kept]) -> list[Kept]:
         without = left_out(m, gauss_newton(m, p, free, el.final.band, 3))
         shares |= {k.group.name: 0.0 for k in path}
         shares[largest.group.name] = compare(m, without, el.e_final, el.unit)[0] / el.removable
-    return [k for k in listed if shares[k.group.name] > MOST]
+    products = [k for k in listed if k.group.kind in PRODUCTS]   # several are the shape of what is in no list
+    return [k for k in listed if shares[k.group.name] > MOST and not (k in products and len(products) > 1)]
 
 
 def acts(m: Model, el: Elimination) -> bool:

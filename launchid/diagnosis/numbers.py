@@ -50,7 +50,8 @@ def usual(log: KnownLog) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table wi
             add("term " + name, value, tol * abs(value), prior, "missing_term", name)
     if has_input:
         add("k1", 1.0, tol, LARGEST_SHIFT, "control_effectiveness", "scale")
-        add("k1_slope", 0.0, 0.0, 2.0 / span, "control_slope", "slope")
+        wears = 0.0 if log.is_flown else 2.0 * tol / span    # within the tolerance of k1 from end to end of the log
+        add("k1_slope", 0.0, wears, 2.0 / span, "control_slope", "slope")
     if "theta_dot" not in log.terms:
         add("damping", 0.0, 0.0, acc / s.omega, "aero_damping", "coefficient")
     if "sign(theta_dot)" not in log.terms:
