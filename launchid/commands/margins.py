@@ -172,6 +172,7 @@ def _alone(log: LogSource, window: float | str, strict: bool, asked: Choice) -> 
     """Return the margins out of a log alone."""
     from ..identification.log import identified_log
     from ..report.headline import of_identified as headline_of
+    from ..report.headline import of_margins
     from ..report.identification import report_of, why
     from ..robustness import flight_margins as fm
     from ..robustness.excitation import excitation
@@ -188,6 +189,7 @@ def _alone(log: LogSource, window: float | str, strict: bool, asked: Choice) -> 
     if not any(each["valid"] for each in report["windows"]):
         report["why"] = why(report["windows"]).replace("is valid", "has margins")
     report["next"] = answer["next"]
+    report |= of_margins(report, Required(), found.log.path, found.log.options, None)
     return FlightMargins(found.log, None, found.result.config, windows, servo, report, found.warnings)
 
 
@@ -197,7 +199,7 @@ def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequenc
     """Return the stability margins of the windows that `identify` has estimated (`filtered`); tracked: also of its
     tracked estimates; warnings: become the result's; asked: which controller's; damping: of the airframe, as the log
     tells it and `nominal` has it."""
-    from ..report.headline import shown_path
+    from ..report.headline import of_margins, shown_path
     from ..report.identification import next_step, why
     from ..robustness import flight_margins as fm
     from ..robustness.excitation import excitation
@@ -217,6 +219,7 @@ def of_identified(log: Log, nominal: Nominal, config: Config, estimates: Sequenc
     tested = [{"status": e.status.name} for k, e in enumerate(estimates) if k not in flown.refused]
     if config.model is not None and (advice := next_step(tested, config.model)):
         report["next"] = advice
+    report |= of_margins(report, nominal.margins, log.path, log.options, shown_path(nominal.path or nominal.name))
     return FlightMargins(log, nominal, config, windows, servo, report, warnings)
 
 
@@ -233,6 +236,7 @@ class FlightMargins(Answer):
     warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
+        from ..report.headline import closing
         from ..robustness import flight_margins as fm
         required = Required() if self.nominal is None else self.nominal.margins
         whose = "out of the log alone" if self.nominal is None else f"of the loop of {self.nominal.name} as identified"
@@ -241,8 +245,7 @@ class FlightMargins(Answer):
         if not self.windows:
             return (f"{head}\nno window of {self.config.window:g} s is complete: expected a longer log, or a smaller "
                     "window")
-        return "\n".join([head, fm.table(self.report), *(self.report[words] for words in ("why", "next")
-                                                          if words in self.report)])
+        return "\n".join([head, fm.table(self.report), *closing(self.report)])
 
     def columns(self) -> Columns:
         return flat(self.report["windows"])

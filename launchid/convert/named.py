@@ -149,13 +149,14 @@ def _refuse_lacking(name: str, path: str, there: set[str], columns: Table, time:
 
 
 def recognised(channels: Channels) -> str | None:
-    """Return the named map of a table of text by its header; None if it is not unambiguous."""
+    """Return the named map of a table of text by its header; None if it is not unambiguous.  A hobby log without stamps
+    is one too: its map says what is missing."""
     there = {*channels, *channels.unread}
     if "loopIteration" in there and any(each.startswith("gyroADC[1]") for each in there):
         return "betaflight"
     found = {column: _matches(there, patterns) for column, patterns in
              (("time", TIME), ("theta", ANGLE), ("theta_dot", RATE), ("beta_cmd", SERVO))}
-    is_whole = all(len(found[column]) == 1 for column in ("time", "beta_cmd")) and len(found["theta"]) <= 1
+    is_whole = len(found["beta_cmd"]) == 1 and len(found["time"]) <= 1 and len(found["theta"]) <= 1
     return "tvc" if is_whole and (found["theta"] or _quaternion(there)) and not {"t", "theta"} <= there else None
 
 
@@ -260,10 +261,14 @@ def _angle_unit(x: np.ndarray) -> str:
 
 def _rate_unit(channels: Channels, stamps: np.ndarray, unit: str, theta: Table, rate: str) -> float:
     """Return the factor [rad/s] of a gyro by its integral against the attitude; 1 if the log does not tell it."""
-    if "from" not in theta:
+    if not theta:
         return 1.0
     t, gyro = np.asarray(stamps, float) / TIME_UNITS[unit], np.asarray(channels[rate], float)
-    angle = np.asarray(channels[theta["from"]], float) * ANGLE_UNITS[theta["unit"]]
+    if "from" in theta:
+        angle = np.asarray(channels[theta["from"]], float) * ANGLE_UNITS[theta["unit"]]
+    else:
+        w, _, y, _ = (np.asarray(channels[each], float) for each in theta["quaternion"])
+        angle = np.unwrap(2.0 * np.arctan2(y, w), period=2.0 * math.pi)
     good = np.isfinite(t) & np.isfinite(angle) & np.isfinite(gyro)
     t, angle, gyro = t[good], angle[good], gyro[good]
     if len(t) < FEWEST_ROWS:

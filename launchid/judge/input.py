@@ -71,7 +71,7 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
         tried.append((likelihood([moved(piece.rows, left.value) for piece in pieces], terms), left))
     gains = 2.0 * (np.array([each for each, _ in tried]) - tried[0][0])
     best = int(np.argmax(gains))
-    if gains[best] > TERM_SIGMAS**2:
+    if gains[best] > (0.0 if rows.is_command else TERM_SIGMAS**2):   # behind a command there is a servo
         order, largest = shapes[best]
         if largest == LAGS[-1]:
             return None

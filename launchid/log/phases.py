@@ -15,10 +15,10 @@ A stretch is another phase only if the log decides so, at SIGMAS: against an eff
 reference, and rather for none than for WEAKEST, which would be a loss of control.  The constant, theta's and the rate's
 coefficients beside it are those of the reference, but for shares of what beta does there: a loop that goes on
 commanding moves beta as a sum of these, which would else hide that beta does nothing.  Of a vehicle that leaves its
-range SIGMAS_AWAY decide.  Noise of the nozzle's sensor is taken off what beta moves.  A pad, which nothing shakes
-either, lies before the first stretch in which beta acts beyond doubt, other phases behind the last: what lies between
-is one flight.  So a calm stretch is no phase.  Of a servo that stands still the vehicle's motion must tell, or that the
-stretch follows one in which beta did not act.
+range SIGMAS_AWAY decide.  Noise of the nozzle's sensor is taken off what beta moves.  A pad, on which nothing
+moves the attitude, lies before the first stretch in which beta acts beyond doubt, other phases behind the last: what
+lies between is one flight.  So a calm stretch is no phase.  Of a servo that stands still the vehicle's motion must
+tell, or that the stretch follows one in which beta did not act.
 """
 
 import itertools
@@ -40,6 +40,8 @@ from .log import Log
 HOP = 0.04           # s, of one change of the rate: short beside any motion, long beside a sample
 LAG = 0.03           # s, from one delay of beta that is tried to the next
 LAGS = 4             # delays that are tried: 0 to 0.09 s
+HOP_OF_ATTITUDE = 0.08   # s, the same where no gyro measures the rate
+JERK = 8.0           # times the largest twentieth of the rate's changes, beyond which one is a parachute's jerk
 BLOCKS = (25, 50, 100)   # hops, over which what beta explains is summed over a log
 FOUND = 24.0         # nats, that beta explains of the reference at least: the best stretch of a log has 20 by chance
 SHORTEST = 20        # hops of a stretch: five times the numbers that are fitted in it
@@ -80,14 +82,15 @@ class Phase:
 @dataclass(frozen=True, eq=False)
 class _Hops:
     """Changes y (n,) of the rate from t (n,) to `end` (n,) [s], and their regressors x (n, 3): 1, theta, beta as late
-    as it acts, all scaled to their rms; rate, beta (n,) at t, in the unit of y and in rad; noise (n,) of its sensor as
-    a variance of the regressor of beta; size [rad] of that; reach: hops that it reaches back."""
+    as it acts, all scaled to their rms; rate, theta, beta (n,) at t, in the unit of y and in rad; noise (n,) of its
+    sensor as a variance of the regressor of beta; size [rad] of that; reach: hops that it reaches back."""
 
     t: np.ndarray
     end: np.ndarray
     y: np.ndarray
     x: np.ndarray
     rate: np.ndarray
+    theta: np.ndarray
     beta: np.ndarray
     noise: np.ndarray
     size: float
@@ -151,7 +154,7 @@ def _hops(log: Log, data: DataCheck) -> _Hops | None:
     if theta is None or beta is None or not np.ptp(beta) > 0.0:
         return None
     period = float(t[1] - t[0])
-    rows = max(1, round(HOP / period))
+    rows = max(1, round((HOP if "theta_dot" in columns else HOP_OF_ATTITUDE) / period))
     count = len(t) // rows
     if count < 3 * SHORTEST:
         return None
@@ -163,6 +166,8 @@ def _hops(log: Log, data: DataCheck) -> _Hops | None:
     held, lean, apart = means(beta), means(theta), max(1, round(LAG / period))
     first = -(-(LAGS - 1) * apart // rows)   # hops that the last lag reaches back
     y, at = np.diff(rate)[first:], 0.5 * (lean[1:] + lean[:-1])[first:]
+    most = JERK * float(np.quantile(np.abs(y), 0.95))
+    y = np.clip(y, -most, most) if most > 0.0 else y
     total = np.concatenate([[0.0], np.cumsum(beta)])
     begin = rows * np.arange(first, count - 1)
     lags = [(total[begin + 2 * rows - j * apart] - total[begin - j * apart]) / (2 * rows) for j in range(LAGS)]
@@ -175,7 +180,8 @@ def _hops(log: Log, data: DataCheck) -> _Hops | None:
     acts = 2 + int(np.argmax(explained))
     third = np.diff(beta, n=3, prepend=np.full(3, beta[0])) if "beta" in columns else np.zeros(len(t))
     return _Hops(t[begin], t[begin] + 2.0 * rows * period, y, x[:, [0, 1, acts]], rate[first:-1] / scale,
-                 held[first:-1], means(third**2)[first:-1] / (2.0 * THIRD * rows), float(size[acts]), first)
+                 lean[first:-1], held[first:-1], means(third**2)[first:-1] / (2.0 * THIRD * rows), float(size[acts]),
+                 first)
 
 
 def _explained(x: np.ndarray, y: np.ndarray) -> float:
@@ -294,10 +300,8 @@ def _labels(hops: _Hops, sums: _Sums, parts: list[tuple[int, int, int]], referen
         each.size - SIGMAS * each.std > WEAKEST and _gain(sums, *parts[k][:2]) > 0.5 * SIGMAS**2)]
     steepest = max(abs(shares[k].beside[1]) for k in acting)
     labels = [0] * len(parts)
-    walk = _walk(hops, first, end)
-    for k in range(acting[0]):   # nothing but a pad comes before the flight
-        if parts[k][2] == 2 and (_first_off([shares[k]]) == 0 or _is_without_walk(hops.y[slice(*parts[k][:2])], walk)):
-            labels[:k + 1] = [2] * (k + 1)
+    left = hops.y[first:end] - combined(hops.x[first:end], least_squares(hops.x[first:end], hops.y[first:end], 1e-9))
+    walk, motion = _walk(left), _walk(np.diff(hops.theta[first:end]))
     behind, is_away = range(acting[-1] + 1, len(parts)), _runs_away(hops, parts[acting[0]][0], parts[acting[-1]][1])
     if not is_away:
         for k in behind:
@@ -306,6 +310,11 @@ def _labels(hops: _Hops, sums: _Sums, parts: list[tuple[int, int, int]], referen
     swinging = [k for k in behind if not np.ptp(hops.beta[slice(*parts[k][:2])]) and shares[k].swings(steepest)]
     for k in range(min([last, *swinging]), len(parts)):
         labels[k] = 1
+    for k in range(acting[0]):   # nothing but a pad comes before the flight
+        y, theta = hops.y[slice(*parts[k][:2])], np.diff(hops.theta[slice(*parts[k][:2])])
+        is_at_rest = _is_without_walk(y, walk) or (labels[-1] == 1 and _is_without_walk(theta, motion))
+        if parts[k][2] == 2 and (_first_off([shares[k]]) == 0 or is_at_rest):
+            labels[:k + 1] = [2] * (k + 1)
     return labels
 
 
@@ -445,11 +454,9 @@ def _tracked(z: np.ndarray, rate: np.ndarray, white: np.ndarray, mean: np.ndarra
     return _Tracked(x[:, 2:], p[:, 2:, 2:], walk, -0.5 * (n * np.log(walk) + log_determinant))
 
 
-def _walk(hops: _Hops, first: int, end: int) -> float:
-    """Return the variance by which the rate wanders in a hop beside what beta explains in a stretch: the part of what
-    is left that neighbours do not share; the lower quartile of its blocks, so that no manoeuvre counts."""
-    x, y = hops.x[first:end], hops.y[first:end]
-    e = y - combined(x, least_squares(x, y, 1e-9))
+def _walk(e: np.ndarray) -> float:
+    """Return the variance by which changes e (n,) wander in a hop, of the rate beside what beta explains or of theta:
+    the part that neighbours do not share; the lower quartile of its blocks, so that no manoeuvre counts."""
     blocks = np.array_split(e, max(1, len(e) // SHORTEST))
     return float(np.quantile([np.mean(each**2) + 2.0 * np.mean(each[1:] * each[:-1]) for each in blocks], 0.25))
 
@@ -478,8 +485,10 @@ def _whitened(z: np.ndarray, shared: float) -> tuple[np.ndarray, float]:
 
 
 def _is_without_walk(y: np.ndarray, walk: float) -> bool:
-    """Whether changes y (n,) of the rate are a sensor's white noise alone, without a walk of at least CALM times the
-    variance `walk`, that of the reference: what shakes a vehicle in flight is missing on the pad."""
+    """Whether changes y (n,) of rate or theta are a sensor's white noise alone, without a walk of at least CALM times
+    the variance `walk`, that of the reference: what moves a vehicle in flight is missing on the pad.  An engine that
+    runs may shake the gyro there, but not the attitude; and a friction may hold a vehicle, so that of a log which ends
+    in flight the rate decides."""
     if not walk > 0.0:
         return False
     y, n = y[:, None], len(y)

@@ -10,6 +10,8 @@ import numpy as np
 from ..formatting import with_std
 
 if TYPE_CHECKING:
+    from sim.sections import Required
+
     from ..first_nominal import First
 
 SIGMAS = 3.0     # standard deviations, by which a number is another than the nominal's or than before
@@ -170,6 +172,41 @@ def of_compared(report: dict[str, Any], log: str, options: str, nominals: Sequen
     return {"headline": f"{name} predicts theta {h} s ahead to {_percent(fit)} %{beside}, with {over:.1f} times the "
                         "error that its noise would make: something is missing.",
             "next": f"launchid diagnose {log} {name} --report report{options}"}
+
+
+def of_margins(report: dict[str, Any], required: "Required", log: str, options: str,
+               nominal: str | None) -> dict[str, str]:
+    """Return {"headline", "next"} of the margins JSON: the worst window, whether what is required is kept, and the
+    command to run next.  nominal: as a command names it, None: out of the log alone"""
+    told = [each for each in report["windows"] if each["valid"] and each["phase_deg"]["value"] is not None]
+    of = "" if nominal is None else f" {nominal}"
+    if not told:
+        follow = f"launchid diagnose {log}{of} --report report{options}" if nominal else f"launchid show {log}{options}"
+        return {"headline": f"{report['why'][:1].upper()}{report['why'][1:]}." if "why" in report else
+                "No window has margins.", "next": report.get("next", follow)}
+
+    def interval(window: dict[str, Any], name: str, unit: str) -> str:
+        x = window[name]
+        return f"{x['value']:.3g} ({x['low']:.3g} .. {x['high']:.3g}) {unit}"
+
+    phase = min(told, key=lambda each: each["phase_deg"]["value"])
+    gains = [each for each in told if each["gain_high_db"]["value"] is not None]
+    said = [f"phase margin {interval(phase, 'phase_deg', 'degrees')}"]
+    lowest = min(gains, key=lambda each: each["gain_high_db"]["value"], default=None)
+    if lowest is not None and None not in lowest["gain_high_db"].values():
+        said.append(f"the gain may rise by {interval(lowest, 'gain_high_db', 'dB')}")
+    kept = "less than" if report["below"] else "perhaps less than" if report["may_be_below"] else "at least"
+    head = (f"At worst {' and '.join(said)}: {kept} the {required.phase_deg:g} degrees and {required.gain_db:g} dB "
+            "that [margins] requires.")
+    factors = next(((name, x) for name, x in report["gains"].items() if x[0] is not None and x[1] is not None), None)
+    if nominal is None:
+        follow = f"launchid nominal {log} --out first.toml{options}"
+    elif kept == "at least" or factors is None:
+        follow = f"launchid compare {log}{of} --report compared{options}"
+    else:
+        name, (low, high) = factors
+        follow = f"launchid margins {log}{of} --scale {name}={math.sqrt(low * high):.2g}{options}"
+    return {"headline": head, "next": report.get("next", follow)}
 
 
 def of_first(numbers: "First", names: str, differing: str) -> dict[str, str]:

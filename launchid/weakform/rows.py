@@ -20,7 +20,7 @@ class Rows:
     t [s], theta, gamma [rad] (0 where no flight path is known), theta_dot [rad/s], beta [rad], each (n,)
     has_rate   theta_dot was measured, not made of theta;  has_gamma  a flight path is known
     bounds     first row of each stretch without a gap, and n at the end
-    is_held    beta is constant from each of its values to the next
+    is_held    beta is constant from each of its values to the next;  is_command: it is the command itself
     theta_noise, rate_noise, beta_noise  variances of the sensors' white noise, as their rows show it
     beta_doubt  uncertainty of beta_noise: it is noise, or motion from row to row
     fast (n,)  theta less its mean over FAST_TIME before, by the whole log;  (0,): not computed yet
@@ -39,6 +39,7 @@ class Rows:
     beta_noise: float = 0.0
     beta_doubt: float = 0.0
     is_held: bool = False
+    is_command: bool = False
     fast: np.ndarray = field(default_factory=lambda: np.zeros(0))
     transformed: dict[str, Any] = field(default_factory=dict, init=False)   # what `modes` made of the rows so far
 

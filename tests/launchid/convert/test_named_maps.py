@@ -94,6 +94,9 @@ def test_quaternions_of_three_decimals(tmp_path):
     log = hobby({"time_s": T, "q0": np.cos(half), "q1": 0 * T, "q2": np.sin(half), "q3": 0 * T,
                  "gyro_y_dps": np.degrees(RATE), "servo_us": 1500.0 + BETA / SERVO}, tmp_path)
     assert np.allclose(log.theta, THETA - THETA[0], atol=2.5e-3)
+    told = hobby({"time_s": T, "q0": np.cos(half), "q1": 0 * T, "q2": np.sin(half), "q3": 0 * T,
+                  "gyro_y": np.degrees(RATE), "servo_us": 1500.0 + BETA / SERVO}, tmp_path)
+    assert np.allclose(told.theta_dot, RATE, atol=2e-3)
 
 
 def test_rows_without_a_time_ask_for_a_period_and_take_it(tmp_path):
@@ -101,6 +104,8 @@ def test_rows_without_a_time_ask_for_a_period_and_take_it(tmp_path):
                "servo_us": 1500.0 + BETA / SERVO}
     with pytest.raises(InputError, match="period"):
         hobby(columns, tmp_path)
+    with pytest.raises(InputError, match="period"):
+        launchid.read_log(table(tmp_path / "flight.csv", columns))
     (tmp_path / "own.toml").write_text('base = "tvc"\n[time]\nperiod = 0.02\n')
     log = launchid.read_log(table(tmp_path / "flight.csv", columns), map=tmp_path / "own.toml")
     assert np.allclose(log.t, T) and np.allclose(log.theta, THETA, atol=STEP)

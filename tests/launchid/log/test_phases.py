@@ -134,3 +134,23 @@ def test_rows_that_a_user_chose_stay():
     log = launchid.read_log(fly(Rocket(), 11), from_="start")
     assert checked_flight(log).log.is_same(checked(log).log)
     assert len(checked_flight(launchid.read_log(log, from_=1.0, to=8.0)).log.t) == 351
+
+
+def edges(columns: dict[str, np.ndarray]) -> tuple[float, float]:
+    found = flown_phase(phases(log_of(columns)))
+    assert found is not None
+    return found.first, found.last
+
+
+def test_what_a_day_at_the_field_adds_hides_no_burn():
+    rocket, draw = Rocket(), np.random.default_rng(3)
+    columns = fly(rocket, 11)
+    t, burn = columns["t"], (rocket.pad, rocket.pad + rocket.burn)
+    shaken = columns["theta_dot"] + np.where((t > 1.0) & (t < rocket.pad), draw.normal(0.0, 0.05, len(t)), 0.0)
+    jerked = columns["theta_dot"].copy()
+    at = np.searchsorted(t, rocket.pad + rocket.burn + rocket.coast)
+    jerked[at:at + 4] += [14.0, -10.0, 5.0, -2.0]
+    loud = columns["theta_dot"] + draw.normal(0.0, 0.01, len(t))
+    for rate in (shaken, jerked, loud):
+        assert edges({**columns, "theta_dot": rate}) == pytest.approx(burn, abs=0.5)
+    assert edges({name: x for name, x in columns.items() if name != "theta_dot"}) == pytest.approx(burn, abs=0.5)
