@@ -46,8 +46,9 @@ class JointAnswer(Answer):
 
     def joint_lines(self) -> list[str]:
         """Return the joint answer as lines: each flight's numbers, then those of all, the scatter between flights."""
+        scale, unit = words_of(self.nominal if self.is_relative else None)
         said = [f"{Path(each.log).name}: " + ", ".join(
-            f"{name} {with_std(each.value[j], math.sqrt(each.covariance[j, j]))}{self._unit}"
+            f"{name} {with_std(scale[j] * each.value[j], abs(scale[j]) * math.sqrt(each.covariance[j, j]))}{unit}"
             for j, name in enumerate(PARAMETERS)) for each in self.told]
         joint = self.report["joint"]
         if joint is None:
@@ -81,6 +82,15 @@ class JointAnswer(Answer):
         """Write report.html, flights.json and the figure into a folder."""
         from .flights_page import write_joint
         write_joint(self, folder)
+
+
+def words_of(relative: Nominal | None) -> tuple[tuple[float, float], str]:
+    """Return (factors on a6 and k1, their unit) for words: in 1/s^2, but of a profile as factors of it."""
+    if relative is None:
+        return (1.0, 1.0), f" {UNIT}"
+    if len(relative.vehicle.t) > 1:
+        return (1.0, 1.0), " of the nominal's"
+    return (float(relative.vehicle.a6[0]), float(relative.vehicle.k1[0])), f" {UNIT}"
 
 
 def joint_report(told: Sequence[Told], joint: Joint | None, nominal: Nominal | None) -> dict[str, Any]:
@@ -137,8 +147,9 @@ def joint_words(told: Sequence[Told], joint: Joint | None, relative: Nominal | N
     if joint is None:
         return {"headline": f"of {len(logs)} flights {len(told)} tell a6 and k1: too few for a joint answer.",
                 "next": f"launchid show {names}{options}"}
-    unit = " of the nominal's" if relative is not None else f" {UNIT}"
-    numbers = " and ".join(f"{name} {with_std(joint.value[j], joint.std[j])}" for j, name in enumerate(PARAMETERS))
+    scale, unit = words_of(relative)
+    numbers = " and ".join(f"{name} {with_std(scale[j] * joint.value[j], abs(scale[j]) * joint.std[j])}"
+                           for j, name in enumerate(PARAMETERS))
     rest = [each.log for k, each in enumerate(told) if k not in joint.others]
     if joint.others:
         off = differing(told, joint)
