@@ -122,7 +122,8 @@ class Estimator:
         return estimates
 
     def _begin_anew(self, sample: Sample) -> Status:
-        """Memory was damaged: forget all but the counters of answers, and take the sample as the first of all."""
+        """Begin anew after damage to memory: forget all but the counters of answers, and take the sample as the first
+        of all."""
         counted = self._parts.state.counts.answers
         before = counted.copy()
         self._calls.restart()

@@ -236,8 +236,8 @@ def solve_triangle(at, n, y, x):
 
 @inner
 def measure(mean, covariance, row, first, n, z, column):
-    """One scalar measurement z = row . state + unit noise of a Kalman filter of n states; returns (innovation, its
-    variance).
+    """Update a Kalman filter of n states with one scalar measurement z = row . state + unit noise; return (innovation,
+    its variance).
 
     mean (>=n,), covariance (>=n, >=n)  inout;  row (>=n,)  in, from `first` on, 0 before;  column (>=n,)  scratch
     Source: Anderson & Moore, Optimal Filtering, 1979, section 5.3.
@@ -261,7 +261,8 @@ def measure(mean, covariance, row, first, n, z, column):
 
 @inner
 def absorb_rows(r, rt, n, k):
-    """Triangle of [R; rows]: adds k rows of data to a square-root information matrix, by Householder.
+    """Add k rows of data to a square-root information matrix R: write the triangle of [R; rows], by Householder
+    reflections.
 
     r  (>=n, >=n) inout  upper triangular
     rt (>=n, >=k) inout  the rows, column by column; destroyed

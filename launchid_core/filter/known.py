@@ -98,7 +98,8 @@ def known_acceleration(belief, nodes, fil, work, a6, believed_a6, known_air):
 
 @inner
 def tilt_transitions(belief, fil, work, f, g):
-    """Add what the known acceleration's slopes do over the step to the transitions f, and g where it is another."""
+    """Add to the transition f of the step what the slopes of the known acceleration contribute; to g as well, where the
+    covariance has a transition of its own."""
     if belief.size.known == 0:
         return
     h, reach, slope = fil.step.h, fil.step.reach, work.known
@@ -176,7 +177,7 @@ def add_limit(belief, fil, work, k1):
 
 @inner
 def shape_command(belief, fil):
-    """The newest command passes play, lag and wash-out; a command that is not known moves none of them."""
+    """Pass the newest command through play, lag and wash-out; a command that is not known moves none of them."""
     u, h, path = fil.command[0], belief.constant.controller_period, belief.command
     if belief.size.shaped == 0 or np.isnan(u):
         return

@@ -499,7 +499,8 @@ def is_proven(belief, modes, i):
 
 @inner
 def age_numbers(belief, modes, dt):
-    """The numbers, and a6 and k1 beside them, may have walked over dt [s]."""
+    """Widen what is known of the modes' numbers, and of a6 and k1 beside them, by what they may change in dt [s]
+    (random walks)."""
     for j in range(belief.size.numbers):
         walk = NUMBER_WALK / belief.number_sigma[j]
         modes.covariance[2 + j, 2 + j] += walk * walk * dt
@@ -510,7 +511,8 @@ def age_numbers(belief, modes, dt):
 
 @inner
 def learn_numbers(belief, fil, work):
-    """The block is a measurement of a6, k1 and the numbers, its state being known."""
+    """Update what is known of a6, k1 and the modes' unknown numbers with the block as a measurement of them, the state
+    being known (square-root information filter)."""
     size, modes, servo = belief.size, fil.modes, fil.servo
     n, c, width = size.states, size.columns, size.numbers + 3
     r = work.scratch[:width * width].reshape((width, width))
@@ -541,7 +543,7 @@ def forget_numbers(belief, modes, left):
 
 @kernel
 def open_rigid(block):
-    """a6 and k1 changed suddenly: what was known of them beside the modes is open again."""
+    """Widen what the modes' estimate knows of a6 and k1, which have changed suddenly."""
     covariance = block[0].state.filter.modes.covariance
     for j in range(2):
         covariance[j, j] += REOPENED * REOPENED
@@ -549,8 +551,9 @@ def open_rigid(block):
 
 @inner
 def doubt_what_was_learned(belief, modes):
-    """What was learned of a mode while its frequency was believed to be another is wrong by what is not linear in
-    between: of the frequency by its square, of size and damping by it, in radians of phase."""
+    """Widen what was learned of a mode while its frequency was believed to be another, by the error of the
+    linearisation: for the frequency by the square of the difference, for size and damping by the difference itself, in
+    radians of phase."""
     for j in range(belief.size.numbers):
         f = j
         for k in range(belief.size.numbers):
@@ -567,8 +570,8 @@ def doubt_what_was_learned(belief, modes):
 
 @kernel
 def relinearise_modes(block):
-    """The filter is linearised about the flight's belief of the modes' numbers, and the state with it, unless it is
-    there already; where the numbers are profiles, they are set anew at any rate."""
+    """Linearise the filter, with its state, about the modes' numbers as the flight shows them, unless it is there
+    already; numbers that are profiles in time are set anew in any case."""
     belief, fil = block[0].fixed.belief, block[0].state.filter
     size, modes = belief.size, fil.modes
     away = size.swept == 1

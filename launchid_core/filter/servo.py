@@ -42,7 +42,7 @@ UNSETTLED = 0.2         # share of a block's squares by what is unknown of the s
 
 @inner
 def multiply(a, b, out):
-    """out (5, 5) = a b."""
+    """Write the product a b of matrices (5, 5) to out (5, 5)."""
     for i in range(5):
         for j in range(5):
             value = 0.0
@@ -53,7 +53,8 @@ def multiply(a, b, out):
 
 @inner
 def exponential(m, total, term, spare):
-    """total (5, 5) out: exp(m) by scaling and squaring (Higham, SIAM J. Matrix Anal. 26, 2005); m is overwritten."""
+    """Write exp(m) of a matrix (5, 5) to total, by scaling and squaring (Higham, SIAM J. Matrix Anal. 26, 2005); m is
+    overwritten."""
     norm = 0.0
     for i in range(5):
         row = 0.0
@@ -156,8 +157,8 @@ def left_after_switch(belief, fil, h):
 
 @inner
 def set_slopes(belief, fil, work):
-    """Derivatives of the response for the deviations d, over a sample period: they only weigh the innovations, so
-    other steps have them in proportion."""
+    """Compute the derivatives of the servo's response over a sample period by its deviations d (frequency, damping,
+    delay).  Steps of another length take them in proportion, since they only weigh the innovations."""
     servo, constant = fil.servo, belief.constant
     h, left = constant.controller_period, left_after_switch(belief, fil, constant.controller_period)
     unit = (constant.frequency / servo.frequency, constant.damping, 1.0 / constant.controller_period)
@@ -216,7 +217,7 @@ def drive_servo(belief, fil, work, k1, u, change):
 
 @inner
 def add_change(belief, fil, work, k1, believed_k1, change):
-    """The change of the command within the step, into the state and into beta's drive; then the servo's own drive.
+    """Add the change of the command within the step to the state and to beta's drive, then the servo's own drive.
 
     k1, believed_k1 [1/s^2]  the nominal's, and as believed
     """
@@ -290,7 +291,8 @@ def widen_pair(belief, fil, work):
 
 @inner
 def learn_servo(belief, fil, work):
-    """The block's information about the deviations, beside an a6 and a k1 of its own, joins the flight's."""
+    """Add the block's information about the servo's deviations to the flight's, the block having an a6 and a k1 of its
+    own."""
     size, servo = belief.size, fil.servo
     at, n, c, known = size.servo_at, size.states, size.columns, size.servo
     width = 3 + known
@@ -356,7 +358,7 @@ def std_of(size, servo, j):
 
 @inner
 def within_reach(belief, j, d):
-    """The deviation nearest to d that a filter may be linearised about."""
+    """Return the deviation nearest to d about which the filter may be linearised."""
     sigma, constant = belief.servo[j], belief.constant
     if sigma == 0.0:
         return 0.0
@@ -368,7 +370,7 @@ def within_reach(belief, j, d):
 
 @kernel
 def relinearise_servo(block):
-    """The filter is linearised about the flight's estimate, and the state with it, unless it is there already.
+    """Linearise the filter, with its state, about the servo as the flight shows it, unless it is there already.
 
     What was learned a move ago from there is wrong by what is not linear in the move: by its square, frequency and
     damping being relative and the delay in radians of the servo's frequency, times CURVED.  It counts for no more.

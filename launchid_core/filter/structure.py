@@ -37,7 +37,7 @@ def learn_structure(block):
 
 @kernel
 def choose_terms(block):
-    """Terms of theta_ddot that the accumulated information supports, of many.
+    """Choose the terms of theta_ddot that the information gathered so far supports.
 
     Its right-hand side stands last, theta's and beta's columns are relative.
     """

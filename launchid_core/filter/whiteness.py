@@ -39,7 +39,8 @@ NO_VERDICT, BLOCKS, KEEPS_CHANGING = range(3)
 
 @inner
 def quietest_share(level):
-    """Return the largest noise level as a factor of the declared, at most 1, of log levels `level` (L,)."""
+    """Return the largest of the log noise levels `level` (L,) as a factor of the declared noise, at most 1: how much
+    quieter than declared all channels are."""
     highest = level[0]
     for k in range(1, N_NOISES):
         highest = max(highest, level[k])
@@ -48,7 +49,7 @@ def quietest_share(level):
 
 @inner
 def queue_block(check, level, p_bar, total):
-    """The block's sums, normalised, begin to wait.
+    """Queue the block's normalised sums, which wait before they count.
 
     They are taken about the tracked belief: about the deviations that the filter is linearised about, the quick
     member's, which follow the noise, they would not be white.
@@ -73,9 +74,9 @@ def queue_block(check, level, p_bar, total):
 
 @inner
 def drop_blocks(check, blocks, t):
-    """The newest blocks are a sudden change's, whose alarm was raised at t [s].  One that follows another within
-    CHECK_MEMORY is none: what keeps changing was not understood.  Within MERGED of its first alarm it is the same one.
-    """
+    """Drop the newest blocks, which belong to a sudden change whose alarm was raised at t [s].  A change that follows
+    another within CHECK_MEMORY drops none: what keeps changing was not understood.  Within MERGED of its first alarm it
+    is the same change."""
     check.waiting = max(check.waiting - blocks, 0)
     since = t - check.last_change
     if check.changed == 1 and 0.0 <= since <= MERGED:
@@ -89,7 +90,7 @@ def drop_blocks(check, blocks, t):
 
 @inner
 def take_block(check, dt):
-    """The oldest block has waited long enough: its products join the sums, and the statistic follows.  dt [s]"""
+    """Add the oldest block, which has waited long enough, to the sums, and compute the statistic anew.  dt [s]"""
     slot = check.oldest
     check.oldest = (slot + 1) % sx.CHANGE_BLOCKS
     check.waiting -= 1
@@ -125,7 +126,8 @@ def contradict(check, t):
 
 @inner
 def note_loss(check, t):
-    """The filter begins anew at t [s] because it had lost the sensors; often is a fault of the model."""
+    """Count that the filter restarts at t [s] because it had lost the sensors; if that happens often the model is at
+    fault."""
     since = t - check.last_loss
     kept = check.losses * exp_of(-since / CHECK_MEMORY) if since >= 0.0 else 0.0
     check.losses, check.last_loss = kept + 1.0, t
@@ -181,7 +183,7 @@ def judge_window(check, level, unexplained, t):
 
 @inner
 def forget_blocks(check):
-    """The state is unknown again (a gap): what was gathered of a block is dropped, and the past is no neighbour."""
+    """Drop what was gathered of the block, as the state is unknown again (a gap)."""
     check.innovation[:] = 0.0
     check.for_a6[:] = 0.0
     check.for_k1[:] = 0.0
@@ -194,7 +196,8 @@ def forget_blocks(check):
 
 @inner
 def likelihood_of_chance(check):
-    """p-value of the statistic: a chi square of FREEDOM, by the cube root (Wilson & Hilferty, PNAS 17, 1931)."""
+    """Return the p-value of the statistic, a chi square of FREEDOM, by its cube root (Wilson & Hilferty, PNAS 17,
+    1931)."""
     share = 2.0 / (9.0 * FREEDOM)
     root = exp_of(log_of(max(check.statistic / MEAN_STATISTIC, MIN_STATISTIC)) / 3.0)
     z = (root - 1.0 + share) / math.sqrt(share)

@@ -26,7 +26,7 @@ GROUP = 64     # words: the bits of a word, so that no two of a group are turned
 
 @inner
 def seal_integer(seal, n, place):
-    """The seal with the integer n taken in, turned to the left by its place."""
+    """Return the seal with the integer n taken in, rotated to the left by its place."""
     bits, turn = np.int64(n).view(np.uint64), np.uint64(place & 63)
     turned = (bits << turn) | (bits >> ((np.uint64(64) - turn) & np.uint64(63)))
     return seal ^ np.uint64(turned).view(np.int64)
@@ -34,7 +34,7 @@ def seal_integer(seal, n, place):
 
 @inner
 def seal_double(seal, x, place):
-    """The seal with the bits of the double x taken in, turned to the left by its place."""
+    """Return the seal with the bits of the double x taken in, rotated to the left by its place."""
     return seal_integer(seal, np.float64(x).view(np.int64), place)
 
 
@@ -105,7 +105,8 @@ def is_control_whole(state, capacity):
 
 @inner
 def take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma):
-    """Gate and ring: the sample's Status.  Its row, clock and counts stay as they are until they are used.
+    """Pass a sample through gate and ring; return its Status.  Its row, clock and counts stay as they are until they
+    are used.
 
     Where memory is damaged nothing is taken: RECOVERED, or why this sample cannot be the first of all.
     """
@@ -126,6 +127,6 @@ def take_sample(fixed, state, ring, seals, t, theta, theta_dot, beta, theta_ddot
 
 @inner
 def give_up(counts, code):
-    """Memory is damaged after the sample was taken and counted as `code`: RECOVERED."""
+    """Answer RECOVERED for a sample that was counted as `code` before its memory was found damaged."""
     counts.answers[code - rb.BUSY] -= 1
     return rb.RECOVERED

@@ -30,7 +30,7 @@ def knows_one_direction(a6, k1, correlation):
 
 @inner
 def clear_outcome(out, status):
-    """No estimate, for the reason `status`."""
+    """Clear the outcome: no estimate, for the reason `status`."""
     out.a6 = np.nan
     out.k1 = np.nan
     out.a6_std = np.nan

@@ -58,8 +58,8 @@ def push_until_due(block, ring, seals, samples, at):
 
 @inner
 def take_window(fixed, state, ring, seals, words, rows, marks):
-    """The closed window's samples into `rows`; returns (WINDOW_COMPLETE or RECOVERED, OK or the reason why not to use
-    them, how many, rows to keep, gaps)."""
+    """Copy the closed window's samples to `rows`; return (WINDOW_COMPLETE or RECOVERED, OK or why not to use them, how
+    many, rows to keep, gaps)."""
     plan, stop, counts = fixed.plan, fixed.saturation, state.counts
     whole = fold_words(words) == state.guard.carried
     for k in range(counts.closed_rows):
@@ -114,7 +114,8 @@ def factor_library(fixed, state, work, at, pieces):
 
 @kernel
 def open_window(block, words, ring, seals, rows, marks, columns):
-    """A closed window to its factored library; returns as `take_window`, and the pieces whose means were taken.
+    """Turn a closed window into its factored library; return as `take_window`, and the number of pieces whose means
+    were taken off.
 
     In the integral form columns and targets are less their means over each gap-free piece.
     """
@@ -136,7 +137,7 @@ def open_window(block, words, ring, seals, rows, marks, columns):
 
 @inner
 def keep_equation(fixed, work, out, e, is_solved):
-    """The coefficients of equation e into the outcome; returns OK, RANK or NUMERICS."""
+    """Write the coefficients of equation e to the outcome; return OK, RANK or NUMERICS."""
     if not is_solved and e == wn.ATTITUDE:
         return wn.RANK
     for j in range(fixed.size.terms):
@@ -172,7 +173,7 @@ def eliminate(block, columns, status, count):
 
 @kernel
 def relax(block, columns, status, count):
-    """The same by a relaxed problem, of SR3 or the lasso."""
+    """Choose and fit terms by a relaxed problem, that of SR3 or of the lasso."""
     fixed, work, out = block[0].fixed, block[0].work, block[0].state.outcome
     q, whole, xi, active, raw = fixed.size.terms, work.whole, work.xi[:], work.active[:], fixed.threshold.raw
     for k in range(wn.EQUATIONS):
@@ -190,7 +191,7 @@ def relax(block, columns, status, count):
 
 @inner
 def judge_separation(fixed, work, out):
-    """OK, or why a6 and k1 are not known apart, or not at all."""
+    """Return OK, or why a6 and k1 are not known apart, or not at all."""
     codes, drives = fixed.codes, 0
     for j in range(fixed.size.terms):
         if codes[j, 0] > 0 or codes[j, 2] > 0 or (codes[j, 4] > 0 and codes[j, 5] != RATE_ARGUMENT):
@@ -212,7 +213,7 @@ def coefficient_of(work, place):
 
 @kernel
 def end_window(block, words, rows, marks, columns, series, status, n, kept, gaps, pieces):
-    """The last part of a close, the equations being solved: a6, k1, standard deviations, flags.
+    """Finish a close once the equations are solved: a6, k1, standard deviations, flags.
 
     status .. pieces  of the parts before.  A window that failed says only why.  What is carried on stays as it is
     until the next close, clock and counts until the next sample.
@@ -251,7 +252,7 @@ def close_window(size, block, words, ring, seals, rows, marks, columns, series, 
 
 def update_regression(size, block, words, ring, seals, rows, marks, columns, series, t, theta, theta_dot,
                       beta, theta_ddot, beta_cmd, gamma):
-    """`push_sample`, and the close of a window that is complete."""
+    """Take a sample (`push_sample`), and close the window if it is complete."""
     code = push_sample(block, ring, seals, t, theta, theta_dot, beta, theta_ddot, beta_cmd, gamma)
     if code == rb.WINDOW_COMPLETE:
         code = close_window(size, block, words, ring, seals, rows, marks, columns, series, code)

@@ -169,8 +169,8 @@ def turn_back(plan, at, q, size, work, drift, series, drifts):
 
 @inner
 def weigh_influences(plan, q, work, rows, marks, series):
-    """Square what quadrature, differencing and rounding may put each active coefficient off, into work.numeric; then
-    weigh its influences by the residual."""
+    """Add up by how much quadrature, differencing and rounding may put each active coefficient off, its square into
+    work.numeric; then weigh its influences by the residual."""
     count, largest = series.shape[1], 0.0
     for j in range(q):
         largest += abs(work.xi[j]) * work.sparse.norms[j]
@@ -187,7 +187,8 @@ def weigh_influences(plan, q, work, rows, marks, series):
 
 @inner
 def report_active(plan, q, work, out, rows, marks, series, freedom):
-    """Standard deviations of the active terms, a6 and k1 with their correlation, from the series in time."""
+    """Report standard deviations of the active terms, a6 and k1 with their correlation, from the residual's series in
+    time."""
     weigh_influences(plan, q, work, rows, marks, series)
     count = series.shape[1]
     above = below = 0.0
@@ -218,8 +219,9 @@ def report_active(plan, q, work, out, rows, marks, series, freedom):
 
 @inner
 def report_attitude(fixed, work, out, rows, marks, at, series, n, free):
-    """Standard deviations and correlation of the active terms of theta_ddot, 95 % limits of the others, a6 and k1 with
-    their standard deviation; inf: the window cannot tell a term from the active ones.
+    """Report standard deviations and correlation of the active terms of theta_ddot, 95 % limits of the terms left out,
+    and a6 and k1 with their standard deviations; a limit is inf where the window cannot tell a term from the active
+    ones.
 
     at (q + EQUATIONS + PAIR, count)  in  the window's factor, in its coordinates targets and drifts (lost);
     series (2 + q, count)  scratch;  n  rows of the window;  free  rows kept less what the pieces' means took

@@ -40,7 +40,7 @@ def is_unexpected(belief, fil, j):
 
 @inner
 def mix_gust(g, gust, total, share):
-    """The windy hypothesis starts from the calm one with probability `share`, else goes on.  total  Moments"""
+    """Let the windy hypothesis start from the calm one with probability `share`, else go on.  total Moments"""
     mean, covariance = gust.mean, gust.covariance
     a, k = g - 2, g - 1
     mean[a] -= total.mean_a6
@@ -125,7 +125,8 @@ def follow_gust(belief, fil, gust, column, pair, before, dt, still):
 
 @inner
 def take_gust(belief, fil, acc, gust):
-    """State, covariance and sensitivities become those of the windy hypothesis, the levels the declared ones.
+    """Replace the filter's state, covariance and sensitivities by those of the windy hypothesis, and its levels by the
+    declared ones.
 
     d = mean + G (p - p_hat) + r with G = C V^-1, so x + s (p - p_bar) + d is of the same form again.  Left out: what r
     owes to each of the wind's levels.

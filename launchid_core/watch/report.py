@@ -49,7 +49,7 @@ def report_part(total, value, variance, for_a6, for_k1, out):
 
 @inner
 def report_air(belief, air, fil, total, contradicted, rep):
-    """Wind and offsets as of the filter's last sample.
+    """Report wind and offsets as of the filter's last sample.
 
     In the filter the wind is an acceleration in units of the nominal's a6, the misalignment one of its k1.
     """

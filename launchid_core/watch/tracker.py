@@ -52,8 +52,8 @@ def restart_bank(slopes, state, mean_a6, mean_k1, v_aa, v_ak, v_kk):
 
 @inner
 def move(mean, covariance, states, walk, slope_a6, slope_k1, dt):
-    """Time update of one member over dt [s]; what its state has beyond four stays.  mean (m,), covariance (m, m), m
-    states"""
+    """Propagate one member's state (a6, k1, their slopes, and what does not move) over dt [s].  mean (m,), covariance
+    (m, m), m states"""
     keep = exp_of(-dt / SLOPE_TIME)
     for i in range(2):
         mean[i] += dt * mean[2 + i]
@@ -74,7 +74,7 @@ def move(mean, covariance, states, walk, slope_a6, slope_k1, dt):
 
 @inner
 def absorb(mean, covariance, work, h0, h1, z):
-    """One scalar measurement z = h0 a + h1 k + unit noise of one member; returns its log predictive density."""
+    """Update one member with a scalar measurement z = h0 a6 + h1 k1 + unit noise; return its log predictive density."""
     row = work.row
     row[:] = 0.0
     row[sx.A6], row[sx.K1] = h0, h1
@@ -84,7 +84,7 @@ def absorb(mean, covariance, work, h0, h1, z):
 
 @inner
 def mix(state):
-    """Mean and covariance of the weighted members into `total`."""
+    """Write mean and covariance of the weighted members to `total`."""
     b = len(MEMBERS)
     best = state.evidence[0]
     for i in range(1, b):

@@ -108,7 +108,8 @@ def weigh_bands(gauge, p, mean, std):
 
 @inner
 def close_range(sigma, gauge, total, t_end):
-    """A window closed at t_end [s]: the uncertainty level of both parameters.  Arguments as of `watch_range`."""
+    """Report the uncertainty level of both parameters for the window that closed at t_end [s].  Arguments as of
+    `watch_range`."""
     sigma_a6, sigma_k1 = sx.profile_at(sigma, t_end)
     weigh_bands(gauge, sx.A6, total.mean_a6 / sigma_a6, math.sqrt(total.var_a6) / sigma_a6)
     weigh_bands(gauge, sx.K1, total.mean_k1 / sigma_k1, math.sqrt(total.var_k1) / sigma_k1)

@@ -85,8 +85,8 @@ def begin_block(state):
 
 @inner
 def go_back(state, blocks):
-    """a6 or k1 changed `blocks` (at most CHANGE_BLOCKS) ago: the first filter knows what it knew of w and d before, and
-    of a6 and k1 nothing."""
+    """Set the first filter's knowledge of w and d back to what it was `blocks` (at most CHANGE_BLOCKS) ago, when a6 or
+    k1 changed, and forget its a6 and k1."""
     slot = state.newer if state.age >= blocks else 1 - state.newer
     copy_knowledge(state.past[slot], state.past_covariance[slot], state.mean[CONSTANT], state.covariance[CONSTANT])
     forget_places(state, CONSTANT, 0, WIND_STATES)
@@ -113,7 +113,7 @@ def settle_doubt(state, doubt, level):
 
 @inner
 def forget_constants(covariance, dt):
-    """w and d are less known after dt [s] than before by what NEW_MEMORY forgets, but never less than at first."""
+    """Widen w and d by what NEW_MEMORY forgets in dt [s], never beyond what was known at first."""
     grow = exp_of(0.5 * dt / NEW_MEMORY)
     for k in range(WIND_STATES, UNDECLARED_SIZE):
         if covariance[k, k] * grow * grow <= UNDECLARED_STD * UNDECLARED_STD:
@@ -125,7 +125,7 @@ def forget_constants(covariance, dt):
 
 @inner
 def distance(mean, covariance):
-    """Chi square of two by which w and d differ from none; inf if rounding has made their covariance none."""
+    """Return the Wald statistic, a chi square of two, of w = d = 0; inf if rounding has left no covariance."""
     w, d, c = mean[WIND_STATES], mean[LEAN_STATE], covariance[WIND_STATES:]
     ww, wd, dd = c[0, WIND_STATES], c[0, LEAN_STATE], c[1, LEAN_STATE]
     determinant = ww * dd - wd * wd
