@@ -443,12 +443,24 @@ def _fitted(model: Model, start: np.ndarray, rounds: int) -> _Fitted:
 
 
 def _best(made: list[_Fitted], count: int, once: bool) -> list[tuple[Model, np.ndarray]]:
-    """Return the `count` best fits; once: of each structure the best one alone."""
-    left: dict[tuple[object, ...], tuple[Model, np.ndarray]] = {}
-    for k, each in enumerate(sorted(made, key=lambda each: -each.worth)):
-        shape = each.model.order, each.model.has_rate, each.model.late
-        left.setdefault(shape if once else (k,), (each.model, each.p))
-    return list(left.values())[:count]
+    """Return the `count` best fits.
+
+    once  of each structure, as late as is likeliest, the best one alone; and the best structure's next in lateness.
+    Else simple laws that differ in lateness alone would leave no place for a richer one.
+    """
+    def shape(model: Model) -> tuple[int, bool]:
+        return model.order - model.late, model.has_rate
+
+    ranked = sorted(made, key=lambda each: -each.worth)
+    if not once:
+        return [(each.model, each.p) for each in ranked[:count]]
+    best: dict[tuple[int, bool], tuple[Model, np.ndarray]] = {}
+    for each in ranked:
+        best.setdefault(shape(each.model), (each.model, each.p))
+    first = ranked[0].model
+    later = [(each.model, each.p) for each in ranked
+             if each.model.late != first.late and shape(each.model) == shape(first)]
+    return [*list(best.values())[:count], *later[:1]]
 
 
 def _gains(data: Data, of_error: bool) -> tuple[float, float, float]:
