@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hobby_rocket import Rocket, as_hobby_csv, fly
-from written import write_ulog
+from written import write_mcap, write_ulog
 
 import launchid
 from launchid.main import main
@@ -123,6 +123,34 @@ def test_the_same_from_a_ulog(tmp_path):
         "vehicle_torque_setpoint": {"timestamp": stamps, "xyz": np.stack([none, columns["beta_cmd"], none], axis=1)}})
     windows = launchid.identify(tmp_path / "f.ulg", window="all").report["windows"]
     assert windows[0]["valid"] and is_near(windows[0]["k1"], windows[0]["k1_std"], ROCKET.k1, ROCKET.k1)
+
+
+def test_the_same_from_an_mcap(tmp_path):
+    pytest.importorskip("mcap")
+    columns = fly(ROCKET, 32)
+    stamps, half = 9_000_000_000 + np.round(columns["t"] * 1e9).astype(np.int64), 0.5 * columns["theta"]
+    none = np.zeros(len(stamps))
+    write_mcap(tmp_path / "f.mcap", {
+        "imu": {"timestamp": stamps, "q": np.stack([np.cos(half), none, np.sin(half), none], axis=1),
+                "rate": columns["theta_dot"]},
+        "servo": {"timestamp": stamps, "angle": columns["beta_cmd"]}})
+    (tmp_path / "map.toml").write_text("""[time]
+name = "log_time"
+unit = "ns"
+[columns]
+theta = {quaternion = "imu/motion.q", axis = "y"}
+theta_dot = {from = "imu/motion.rate"}
+beta_cmd = {from = "servo/motion.angle"}
+""")
+    log = launchid.read_log(tmp_path / "f.mcap", map=tmp_path / "map.toml")
+    window, = launchid.identify(log, window="all").report["windows"]
+    assert window["valid"] and is_near(window["k1"], window["k1_std"], ROCKET.k1, ROCKET.k1)
+
+
+def test_a_data_frame_of_polars_goes_in(tmp_path):
+    polars = pytest.importorskip("polars")
+    columns = fly(ROCKET, 32)
+    assert launchid.read_log(polars.DataFrame(columns)).is_same(launchid.read_log(columns))
 
 
 def test_three_flights_are_one_vehicle(tmp_path, linkage):
