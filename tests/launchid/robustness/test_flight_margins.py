@@ -223,7 +223,7 @@ def test_a_window_of_a_sudden_change_has_no_margins(made):
 def test_the_json_is_the_contracts(made):
     said = json.loads(made.to_json())
     assert list(said) == ["windows", "actuator", "below", "may_be_below", "findings", "assumed", "controller", "gains",
-                          "gains_of", "damping", "excitation"]
+                          "gains_of", "damping", "excitation", "headline", "next"]
     first = said["windows"][0]
     assert list(first) == ["t_start", "t_end", "valid", "status", *MARGIN_NAMES, "stable", "ms", "crossover",
                            "crossings", "controller", "tracked"]
@@ -370,7 +370,9 @@ def test_the_command_writes_what_python_has(flight, made, tmp_path, capsys):
     log, answer = tmp_path / "a.csv", tmp_path / "a.json"
     flight.write(log)
     assert main(["margins", str(log), "constant", "--tracked", "--json", str(answer)]) == 0
-    assert json.loads(answer.read_text()) == json.loads(made.to_json())
+    said, python = json.loads(answer.read_text()), json.loads(made.to_json())
+    assert str(log) in said.pop("next") and "launchid compare" in python.pop("next")
+    assert said == python
     assert "13 of 14 windows have margins; of those all keep what [margins] requires" in capsys.readouterr().out
     assert main(["margins", str(log), "constant", "--window", "100"]) == 0
     assert "no window of 100 s is complete" in capsys.readouterr().out
