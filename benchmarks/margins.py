@@ -515,23 +515,24 @@ def gains(args: argparse.Namespace) -> None:
     table.row("every law", len(inside), *held, good=bool(np.all((held >= HELD_LEAST) & (held <= HELD_MOST))))
 
 
-UNDECLARED = {"damping 0.1": ("aero_damping", {"coefficient": 0.1}),
+UNDECLARED = {"damping 0": ("aero_damping", {"coefficient": 0.0}),
+              "damping 0.1": ("aero_damping", {"coefficient": 0.1}),
               "damping 0.3": ("aero_damping", {"coefficient": 0.3}),
               "slosh 2 %": ("slosh", {"coupling": 0.02, "frequency": 4.0}),
               "slosh 5 %": ("slosh", {"coupling": 0.05, "frequency": 4.0})}
 
 
-def hidden(name: str, kind: str, seed: int) -> tuple[int, np.ndarray, np.ndarray]:
+def hidden(name: str, kind: str, seed: int) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
     """Ask the margins of a flight with what the nominal does not have; return the windows, and of those with margins
-    whether each interval holds the truth, and is beyond three half-widths (n, 6)."""
+    whether each interval holds the truth, and is beyond three half-widths, and its half-width (n, 6)."""
     believed = nominal(name)
     effects = [effect(UNDECLARED[kind][0], **UNDECLARED[kind][1])]
     true = dataclasses.replace(believed, effects=(*believed.effects, *effects))
     flight = fly_whole(true, seed)
     if flight.lost:
-        return 0, np.zeros((0, 6)), np.zeros((0, 6))
+        return 0, np.zeros((0, 6)), np.zeros((0, 6)), np.zeros((0, 6))
     made = launchid.margins(_columns(flight), believed)
-    inside, far = [], []
+    inside, far, half = [], [], []
     for each in made.windows:
         if each.window.spread is None:
             continue
@@ -544,21 +545,23 @@ def hidden(name: str, kind: str, seed: int) -> tuple[int, np.ndarray, np.ndarray
         inside.append([i.low <= x <= i.high for x, i in zip(right, intervals, strict=True)])
         far.append([abs(x - i.value) > 3.0 * max(i.high - i.value, i.value - i.low)
                     for x, i in zip(right, intervals, strict=True)])
-    return len(made.windows), np.array(inside).reshape(-1, 6), np.array(far).reshape(-1, 6)
+        half.append([0.5 * (i.high - i.low) for i in intervals])
+    return len(made.windows), *(np.array(each).reshape(-1, 6) for each in (inside, far, half))
 
 
 def undeclared(args: argparse.Namespace) -> None:
     """Print for each nominal and what it does not have how many windows have margins, and how often they hold."""
     table = Table("nominal 16", "what 12", "windows 7d", "refused 6.1%", *(f"{margin} 6.1%" for margin in MARGIN_NAMES),
-                  "far 6.2%")
+                  "far 6.2%", *(f"+-{each} 7.3g" for each in ("dB", "dB", "deg", "ms", "1", "1")))
     for name in args.nominal:
         for kind in UNDECLARED:
             made = run_jobs(hidden, [(name, kind, seed) for seed in args.seeds])
             count = sum(each[0] for each in made)
-            inside, far = (np.concatenate([each[k] for each in made]) for k in (1, 2))
+            inside, far, half = (np.concatenate([each[k] for each in made]) for k in (1, 2, 3))
             held = inside.mean(axis=0) if len(inside) else np.full(6, np.nan)
             table.row(name, kind, count, 1.0 - len(inside) / max(count, 1), *held,
                       float(np.mean(far.any(axis=1))) if len(far) else 0.0,
+                      *(np.median(half, axis=0) if len(half) else held),
                       good=not len(inside) or bool(np.all(held >= HELD_LEAST)))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from sim.errors import InputError, UsageError
+from sim.errors import UsageError
 from sim.sections import Required
 
 from .. import progress
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from ..sources import LogSource, LogSources, NominalSource
 
 
-DAMPING_WINDOW = 10.0  # s of a window that tells the damping: shorter ones tell it from a6 no better
 DAMPING_LIBRARY = "theta,beta,1,theta_dot"
 
 
@@ -118,6 +117,7 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
     from ..log.commanded import measured_alone, with_nozzle
     from ..log.phases import checked_flight
     from ..robustness.airframe import is_command, with_damping, with_unknown_servo, without_nozzle
+    from ..robustness.damping import damping_of
     from ..robustness.flight_margins import declared_servo
     from ..robustness.flown import choice
     from ..sources import is_several, load_nominal, read_log, several_logs
@@ -140,7 +140,7 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
     if is_command(seen.log):   # nobody saw the nozzle: its servo is estimated from the motion
         seen = replace(seen, log=without_nozzle(seen.log))
         nominal = with_unknown_servo(nominal)
-    nominal, damping = with_damping(nominal, _damping(seen.log, nominal))
+    nominal, damping = with_damping(nominal, damping_of(seen.log, nominal))
     seen, believed, said = with_nozzle(seen, nominal)
     if window == "all":
         refuse_too_long(seen.log)
@@ -150,22 +150,6 @@ def margins(log: LogSources, nominal: NominalSource | None = None, *, window: fl
     result = identified(config, seen)
     return of_identified(measured_alone(seen.log), nominal, result.config, result.judged.estimates,
                          result.estimator.changes(), tracked, (*warnings, *result.warnings), asked, damping)
-
-
-def _damping(log: Log, nominal: Nominal) -> Damping:
-    """Return the damping of the rate that a log tells by the weak form, without its nominal; it is not told of one with
-    modes, which the weak form has not."""
-    from ..identification.log import identified_log
-    from ..robustness.airframe import modes_at, pooled_damping
-    from ..sources import read_log
-    if modes_at(nominal, 0.0)[0]:
-        return pooled_damping([], [])
-    try:
-        judged = identified_log(read_log(log), window=DAMPING_WINDOW, library=DAMPING_LIBRARY).result.judged
-    except InputError:   # too short, for one
-        return pooled_damping([], [])
-    # the windows as fitted: what else the weak form lacks, a k1 that changes for one, is the filter's to judge
-    return pooled_damping(judged.fitted, judged.covariances, nominal.wind is not None or nominal.offsets is not None)
 
 
 def _alone(log: LogSource, window: float | str, strict: bool, asked: Choice) -> FlightMargins:

@@ -111,10 +111,15 @@ def cut(record: Record, most: int) -> Record:
     total = np.concatenate([[0.0], np.cumsum(by_row)])
     first = int(np.argmax(total[most:] - total[:-most]))
     first -= (first - record.held_phase) % record.held
-    first = max(first, record.held_phase if record.held > 1 else 0)
-    part = slice(first, first + most)
+    return stretch(record, max(first, record.held_phase if record.held > 1 else 0), most)
+
+
+def stretch(record: Record, first: int, rows: int) -> Record:
+    """Return `rows` rows of a record from `first` on, a row at which a command is issued."""
+    ticks = record.every // record.tick
+    part = slice(first, first + rows)
     begin = first * record.every
     at = np.maximum(record.at[part] - begin, 0)  # its first stamp may be early
     return replace(record, z=record.z[part], reference=record.reference[part], at=at,
-                   first_step=record.first_step + begin, commands=record.commands[first * ticks:(first + most) * ticks],
+                   first_step=record.first_step + begin, commands=record.commands[first * ticks:(first + rows) * ticks],
                    logged=None if record.logged is None else record.logged[part], held_phase=0)

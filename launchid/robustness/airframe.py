@@ -1,9 +1,10 @@
 """The airframe of a frozen loop beside a6 and k1: damping of its rate, modes; and a servo that nobody saw.
 
-Damping.  The filter that flies has none but the nominal's.  What the log tells of it is fitted window by window by the
-weak form, without a nominal, and pooled (`pooled_damping`).  Where it is told well, a6 and k1 are
-identified with it; else the nominal's stands, known to DAMPING_SUPPOSED.  In both cases its error is in the margins,
-and a6 and k1 move with it as they do in the weak form: by their slopes in the damping, cov(a6, damping)/var(damping).
+Damping.  The filter that flies has none but the nominal's.  What the log tells of it is fitted window by window, with a
+nominal by the likelihood (`damping.py`), else by the weak form (`pooled_damping`), and pooled.  a6 and k1 are
+identified with what the log tells, about the nominal's to DAMPING_PRIOR; where no log is asked, with the nominal's,
+known to DAMPING_SUPPOSED.  In both cases its error is in the margins, and a6 and k1 move with it as they do in the fit:
+by their slopes in the damping, cov(a6, damping)/var(damping).
 
 A servo that nobody saw.  A log whose beta is the command, or that has none, shows its servo in the motion alone.  There
 the servo is unknown, by SUPPOSED about the nominal's, and estimated beside a6 and k1.
@@ -30,10 +31,11 @@ from ..formatting import with_std
 from ..log.log import Log
 from .blocks import NOTHING_FURTHER, Further, Mode, Plants
 
-DAMPING_SUPPOSED = 0.05  # 1/s, one sigma about the nominal's where the log does not tell it better: of launchers at
-#                        greatest dynamic pressure; in wind, which damping looks like, a log tells it to 0.2
+DAMPING_SUPPOSED = 0.05  # 1/s, one sigma about the nominal's where no log is asked: of launchers at greatest dynamic
+#                        pressure
+DAMPING_PRIOR = 0.3    # 1/s, the same where a log is asked, which decides: six times as much
 DAMPING_SIGMAS = 4.0   # beyond which a damping is another one than the nominal's, beyond doubt
-DAMPING_ROWS = 2       # windows, at least
+DAMPING_ROWS = 2       # windows, at least, of the weak form
 DAMPING_FAR = 5.0      # standard deviations from the median: of another vehicle than in the other windows
 SLOPE_STEP = 1e-4      # rad: of a function's slope at 0
 SUPPOSED = {"natural_frequency_sigma": 0.3, "damping_ratio_sigma": 0.3, "delay_sigma": 0.02}   # of a servo nobody saw
@@ -72,7 +74,7 @@ class Damping:
 
     @property
     def is_told(self) -> bool:
-        return self.std <= DAMPING_SUPPOSED
+        return math.isfinite(self.std)
 
     @property
     def is_another(self) -> bool:
@@ -81,11 +83,12 @@ class Damping:
 
     @property
     def used(self) -> tuple[float, float]:
-        """Return the damping that the loop has, and its standard deviation: the log's where it tells it, else the
-        nominal's and what the log leaves of DAMPING_SUPPOSED."""
-        if self.is_told:
-            return self.value, self.std
-        return self.believed, 1.0 / math.sqrt(1.0 / DAMPING_SUPPOSED**2 + 1.0 / self.std**2)
+        """Return the damping that the loop has, and its standard deviation: the log's, about the nominal's to
+        DAMPING_PRIOR; the nominal's to DAMPING_SUPPOSED where no log was asked."""
+        if not self.is_told:
+            return self.believed, DAMPING_SUPPOSED
+        own, before = 1.0 / self.std**2, 1.0 / DAMPING_PRIOR**2
+        return (own * self.value + before * self.believed) / (own + before), 1.0 / math.sqrt(own + before)
 
     def slopes_at(self, t: float) -> tuple[float, float]:
         """Return by how much a6 and k1 move with the damping in the window next to t [s]."""
@@ -107,7 +110,13 @@ class Damping:
         if not self.is_told:
             return [f"the airframe's damping is the nominal's to {std:.2g} 1/s, which is in the intervals (the log "
                     "does not tell it)"]
+        if std > DAMPING_SUPPOSED:
+            return [f"the airframe's damping is {with_std(value, std)} 1/s, all that the log tells of it, which is in "
+                    "the intervals"]
         return []
+
+
+NOT_TOLD = Damping(0.0, math.inf)
 
 
 def pooled_damping(estimates: Sequence[Estimate], covariances: Sequence[np.ndarray | None],
@@ -115,8 +124,6 @@ def pooled_damping(estimates: Sequence[Estimate], covariances: Sequence[np.ndarr
     """Return the damping that windows with the term theta_dot agree on, not told if fewer than DAMPING_ROWS do.
 
     covariances  of the terms of each window;  has_offset: a6 and k1 are fitted beside an offset that nobody knows.
-    Windows far from the others, in which k1 changed for one, are left out. Where the rest is further apart than chance
-    has it, the deviation is larger by as much (Birge, Phys. Rev. 40, 1932).
     """
     windows = []
     for e, covariance in zip(estimates, covariances, strict=True):
@@ -128,15 +135,24 @@ def pooled_damping(estimates: Sequence[Estimate], covariances: Sequence[np.ndarr
         slopes = np.linalg.solve(information[np.ix_(free, free)], information[free, k])   # the damping is less the term
         windows.append(DampedWindow(0.5 * (e.t_start + e.t_end), -float(e.xi[k, 1]), math.sqrt(covariance[k, k]),
                                     (float(slopes[0]), float(slopes[1]))))
-    if len(windows) < DAMPING_ROWS:
+    return pooled(windows)
+
+
+def pooled(windows: Sequence[DampedWindow], least: int = DAMPING_ROWS) -> Damping:
+    """Return the damping that windows agree on, not told if fewer than `least` do.
+
+    Windows far from the others, in which k1 changed for one, are left out. Where the rest is further apart than chance
+    has it, the deviation is larger by as much (Birge, Phys. Rev. 40, 1932).
+    """
+    if len(windows) < least:
         return Damping(0.0, math.inf, tuple(windows))
     value, std = np.array([(each.damping, each.std) for each in windows]).T
     near = np.abs(value - np.median(value)) < DAMPING_FAR * np.hypot(std, np.median(std))
     value, weight = value[near], 1.0 / std[near]**2
-    if len(value) < max(DAMPING_ROWS, len(windows) // 2):
+    if len(value) < max(least, len(windows) // 2):
         return Damping(0.0, math.inf, tuple(windows))
     mean = float(np.sum(weight * value) / np.sum(weight))
-    apart = float(np.sum(weight * (value - mean)**2)) / (len(value) - 1)
+    apart = float(np.sum(weight * (value - mean)**2)) / max(len(value) - 1, 1)
     return Damping(mean, math.sqrt(max(apart, 1.0) / float(np.sum(weight))), tuple(windows))
 
 
@@ -145,7 +161,7 @@ def with_damping(nominal: Nominal, told: Damping) -> tuple[Nominal, Damping]:
     told = replace(told, believed=airframe_of(nominal).damping)
     if not told.is_told:
         return nominal, told
-    more = made_effect("aero_damping", coefficient=told.value - told.believed)
+    more = made_effect("aero_damping", coefficient=told.used[0] - told.believed)
     return dataclasses.replace(nominal, effects=(*nominal.effects, more)), told
 
 
