@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..sums import along, products
 from ..weakform.estimate import slopes_of
-from ..weakform.fit import noise_likelihoods
+from ..weakform.fit import MIN_COLUMN_LEFT, noise_likelihoods
 from ..weakform.late import LAGS_FORGOTTEN, SHIFT, Late, Lead, acting_later, with_betas, without_beginnings
 from ..weakform.modes import term_modes
 from ..weakform.pieces import Piece, fitted, likelihood, moved
@@ -18,6 +19,8 @@ TERM_SIGMAS = TESTS["no further term"].limit  # standard deviations
 MOST_DELAY = 0.3     # s either way
 DELAY_STEP = 0.0125  # s of the first search
 LAGS = (0.0, 0.01, 0.02, 0.035, 0.055, 0.08, 0.12, 0.18, 0.27, 0.4)  # s of a servo or motor, that are tried
+GAUSS_NEWTON_STEPS = 4
+NUDGE = 0.05         # of the lag: of a difference quotient
 LEAST_DELAY = -0.025  # s behind a lag: beta acts no sooner, and the best may lie at none
 FEWEST_CLOCK = 6     # pieces that say when beta acts, for a clock that runs slow
 SHIFTS = tuple(0.1 + 0.8 * k / 19 for k in range(20))  # of the log, circular: placebos
@@ -55,36 +58,76 @@ def late_input(rows: Rows, terms: tuple[str, ...], rival: tuple[str, ...] = ()) 
     moves, the controller's instant response to noise would pass for the time at which beta acts.
 
     None if neither is significant, if the terms of `rival` with a beta that acts at once are more likely, if the lag is
-    beyond LAGS, or if stretches are too short to tell. The lag and its deviation are those of the parabola through the
-    best of LAGS and its neighbours.
+    beyond LAGS, or if stretches are too short to tell. The search among LAGS is by a parabola through the best and its
+    neighbours; `refined` takes it from there.
     """
-    begins, tried = LAGS_FORGOTTEN * LAGS[-1], list[tuple[float, Lead]]()
+    begins = LAGS_FORGOTTEN * LAGS[-1]
     if rows.stretch < begins + MOST_DELAY + STRETCH:
         return None
     terms, rival = (*terms, *slopes_of(terms)), (*rival, *slopes_of(rival)) if rival else ()
-    shapes = [(order, lag) for order in (1, 2) for lag in LAGS[order - 1:]]
-    for order, each in shapes:
-        late_rows = without_beginnings(acting_later(rows, 0.0, each, order), begins)
-        pieces = fitted([(late_rows, term_modes(late_rows, terms))])
+
+    def tried(order: int, lag: float) -> tuple[float, Lead]:
+        """Return (the logarithm of the likelihood behind a lag, the delay that is most likely with it)."""
+        def delayed(lead: float) -> np.ndarray:
+            return without_beginnings(acting_later(rows, lead, lag, order), begins).beta
+
+        late_rows = without_beginnings(acting_later(rows, 0.0, lag, order), begins)
+        pieces = [replace(piece, delayed=delayed if rows.is_held else None)
+                  for piece in fitted([(late_rows, term_modes(late_rows, terms))])]
         left = lead_of(pieces, terms, rows, LEAST_DELAY) or Lead(0.0, math.inf)
         left = left if left.value > 0.0 else Lead(0.0, left.std)
-        tried.append((likelihood([moved(piece.rows, left.value) for piece in pieces], terms), left))
-    gains = 2.0 * (np.array([each for each, _ in tried]) - tried[0][0])
+        return likelihood([moved(piece, left.value) for piece in pieces], terms), left
+
+    shapes = [(order, lag) for order in (1, 2) for lag in LAGS[order - 1:]]
+    found = [tried(*shape) for shape in shapes]
+    gains = 2.0 * (np.array([each for each, _ in found]) - found[0][0])
     best = int(np.argmax(gains))
+    largest, late = found[0][0], Late(found[0][1])
     if gains[best] > (0.0 if rows.is_command else TERM_SIGMAS**2):   # behind a command there is a servo
-        order, largest = shapes[best]
-        if largest == LAGS[-1]:
+        order, largest_lag = shapes[best]
+        if largest_lag == LAGS[-1]:
             return None
         near = [best - 1 if shapes[best - 1][0] == order else 0, best, best + 1]
         bend, slope, _ = np.polyfit([shapes[k][1] for k in near], -0.5 * gains[near], 2).tolist()
         if not bend > 0.0:
             return None
-        late = Late(tried[best][1], (-0.5 * slope / bend, 1.0 / math.sqrt(2.0 * bend)), order)
-    else:
-        best, late = 0, Late(tried[0][1])
+        late = refined(rows, terms, Late(found[best][1], (-0.5 * slope / bend, 1.0 / math.sqrt(2.0 * bend)), order),
+                       begins)
+        largest = found[best][0]
     if not (late.lag[0] or late.lead.is_sure):
         return None
-    return None if rival and tried[best][0] < likelihood([without_beginnings(rows, begins)], rival) else late
+    return None if rival and largest < likelihood([without_beginnings(rows, begins)], rival) else late
+
+
+def refined(rows: Rows, terms: tuple[str, ...], late: Late, begins: float) -> Late:
+    """Return the delay and the lag at which terms leave least, with their deviations, by Gauss and Newton: one
+    regression on the terms and on what either changes of them. Rows of the first `begins` [s] of stretches are left
+    out."""
+    lead, lag = late.lead.value, late.lag[0]
+    for _ in range(GAUSS_NEWTON_STEPS):
+        acting = without_beginnings(acting_later(rows, lead, lag, late.order), begins)
+        m = term_modes(acting, terms)
+        fit = fitted([(acting, m)])[0].fit
+        if fit.is_singular:
+            return late
+        step = NUDGE * lag
+        betas = [without_beginnings(acting_later(rows, lead + by, lag + lag_by, late.order), begins).beta
+                 for by, lag_by in ((-step, 0.0), (step, 0.0), (0.0, -step), (0.0, step))]
+        at = with_betas(acting, m, terms, betas) @ fit.xi
+        phi = np.column_stack([m.phi, (at[:, 1::2] - at[:, ::2]) / (2.0 * step)]) / np.sqrt(fit.variance)[:, None]
+        size = np.sqrt(np.maximum(np.sum(phi**2, axis=0), 1e-300))
+        phi /= size
+        inverse = np.linalg.pinv(products(phi, phi), MIN_COLUMN_LEFT, hermitian=True)
+        by_lead, by_lag = (inverse @ along(phi, m.y / np.sqrt(fit.variance)) / size)[-2:].tolist()
+        covariance = (inverse / np.outer(size, size))[-2:, -2:]
+        if not min(covariance[0, 0], covariance[1, 1]) > 0.0:   # the motion does not tell one of them
+            return late
+        moved_by = max(by_lead, -lead)   # beta acts no sooner than it is asked for
+        by_lag += covariance[0, 1] / covariance[0, 0] * (moved_by - by_lead)
+        lead, lag = lead + moved_by, lag * min(max(1.0 + by_lag / lag, 0.5), 2.0)
+    trade = covariance[0, 1] / covariance[1, 1]
+    left = max(covariance[0, 0] - trade * covariance[0, 1], 0.0)
+    return Late(Lead(lead, math.sqrt(left)), (lag, math.sqrt(covariance[1, 1])), late.order, trade)
 
 
 def clocked(pieces: list[Piece], at: np.ndarray, lead: Lead, rows: Rows) -> Lead:

@@ -50,7 +50,7 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece],
         if len(found) == MOST_LACKS:
             break
         shifts = [0.0] if lead is None or not lead.is_sure else [0.0, lead.value]
-        shifted = {shift: [moved(piece.rows, shift) for piece in pieces]
+        shifted = {shift: [moved(piece, shift) for piece in pieces]
                    for shift in (0.0, *([lead.value] if lead else []))}
         plain = max(likelihood(shifted[shift], terms) for shift in shifts)
         left, total = ahead(rows, terms), sum(square(piece.modes.y * piece.weight) for piece in pieces)

@@ -33,17 +33,48 @@ def lagging(rows: Rows, lag: float) -> np.ndarray:
     """Return beta (n,) filtered by a first-order lag of time constant `lag` [s]; each stretch begins at rest."""
     acting = rows.beta.copy()
     for a, b in itertools.pairwise(rows.bounds.tolist()):
-        grid = rows.t[a] + rows.period * np.arange(math.ceil((rows.t[b - 1] - rows.t[a]) / rows.period) + 2)
-        last = np.searchsorted(rows.t[a:b], grid, side="right") - 1
-        beta = rows.beta[a:b][last] if rows.is_held else np.interp(grid, rows.t[a:b], rows.beta[a:b])
+        grid, _ = grid_of(rows, a, b)
+        beta = np.interp(grid, rows.t[a:b], rows.beta[a:b])
         ages = rows.period * np.arange(min(len(grid), math.ceil(LAGS_KEPT * lag / rows.period)) + 1)
         weight = -np.diff(np.exp(-ages / lag))
         x = beta - beta[0]
-        response = np.convolve(x if rows.is_held else 0.5 * (x + before(x)), weight)[:len(grid)]
-        if rows.is_held:   # what is held acts from its row on
-            response = np.concatenate([[0.0], response[:-1]])
+        response = np.convolve(0.5 * (x + before(x)), weight)[:len(grid)]
         acting[a:b] = beta[0] + np.interp(rows.t[a:b], grid, response)
     return acting
+
+
+def held_acting(rows: Rows, lead: float, lag: float, order: int) -> np.ndarray:
+    """Return the mean over each step of a held beta (n,) delayed by `lead` [s] and behind `order` equal first-order
+    lags, `lag` [s] in all: what its steps answer is known between the rows too.  Each stretch begins at rest."""
+    acting, period = rows.beta.copy(), rows.period
+    ahead = max(0, math.ceil(-lead / period))
+    for a, b in itertools.pairwise(rows.bounds.tolist()):
+        grid, last = grid_of(rows, a, b)
+        kept = min(len(grid), math.ceil((max(lead, 0.0) + LAGS_KEPT * lag) / period) + 1)
+        answer = ramp_response(period * np.arange(-ahead - 1, kept + 2) - lead, lag, order)
+        x = np.append(rows.beta[a:b][last], np.full(ahead, rows.beta[b - 1])) - rows.beta[a]
+        mean = np.convolve(x, np.diff(answer, 2) / period)[ahead:ahead + len(grid)]
+        whole = np.concatenate([[0.0], period * np.cumsum(mean)])
+        edges = np.append(rows.t[a:b], rows.t[b - 1] + period)
+        area = np.diff(np.interp(edges, np.append(grid, grid[-1] + period), whole))
+        acting[a:b] = rows.beta[a] + area / np.diff(edges)
+    return acting
+
+
+def ramp_response(age: np.ndarray, lag: float, order: int) -> np.ndarray:
+    """Return the integral (n,) [s] of the step response of `order` equal lags, `lag` [s] in all, at ages (n,) [s]."""
+    x = np.maximum(age, 0.0)
+    if not lag > 0.0:
+        return x
+    each = lag / order
+    fading = np.exp(-x / each)
+    return x - each * (1.0 - fading) if order == 1 else x - 2.0 * each * (1.0 - fading) + x * fading
+
+
+def grid_of(rows: Rows, a: int, b: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (even times [s] over a stretch from row a to b - 1, the stretch's last row at or before each)."""
+    grid = rows.t[a] + rows.period * np.arange(math.ceil((rows.t[b - 1] - rows.t[a]) / rows.period) + 2)
+    return grid, np.searchsorted(rows.t[a:b], grid + 1e-6 * rows.period, side="right") - 1
 
 
 def without_beginnings(rows: Rows, length: float) -> Rows:
@@ -57,9 +88,11 @@ def without_beginnings(rows: Rows, length: float) -> Rows:
 
 def acting_later(rows: Rows, lead: float, lag: float, order: int = 1) -> Rows:
     """Return the rows with beta delayed by `lead` [s] and behind `order` equal first-order lags, `lag` [s] in all."""
+    if rows.is_held:
+        return replace(rows, beta=held_acting(rows, lead, lag, order)) if lead or lag > 0.0 else rows
     acting = rows
     for _ in range(order if lag > 0.0 else 0):
-        acting = replace(acting, beta=lagging(acting, lag / order), is_held=False)
+        acting = replace(acting, beta=lagging(acting, lag / order))
     return replace(acting, beta=later(acting, lead)) if lead else acting
 
 
@@ -108,11 +141,13 @@ class Late:
     """How beta acts later than it is logged: after a delay, and filtered by `order` equal first-order lags.
 
     lag   sum of their time constants [s], and its standard deviation; (0, 0): none
+    trade [s/s]  by how much the most likely delay grows with the lag; the deviation of `lead` is that at one lag
     """
 
     lead: Lead
     lag: tuple[float, float] = (0.0, 0.0)
     order: int = 1
+    trade: float = 0.0
 
     def acting(self, rows: Rows, lead_by: float = 0.0, lag_by: float = 0.0) -> Rows:
         """Return the rows with beta as it acts, `lead_by`, `lag_by` [s] later still, less beginnings of stretches."""
@@ -120,9 +155,11 @@ class Late:
         return without_beginnings(late, self.lead.value + LAGS_FORGOTTEN * self.lag[0])
 
     def doubts(self, rows: Rows) -> list[np.ndarray]:
-        """Return betas (rows,) of `acting` with the delay, and with the lag, larger by its standard deviation."""
+        """Return betas (rows,) of `acting` with the delay, and with the lag and the delay that is most likely with it,
+        larger by its standard deviation."""
         lead_by = self.lead.std if math.isfinite(self.lead.std) else 0.0
-        return [self.acting(rows, *by).beta for by in ((lead_by, 0.0), (0.0, self.lag[1])) if any(by)]
+        return [self.acting(rows, *by).beta for by in ((lead_by, 0.0), (self.trade * self.lag[1], self.lag[1]))
+                if any(by)]
 
     @property
     def json(self) -> dict[str, object]:

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,12 +22,16 @@ MOST_TOGETHER = 100_000  # rows of shifted betas that are computed at once: some
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A stretch of the log, its regression on the terms of the equation, the fit, and the noise's likelihood."""
+    """A stretch of the log, its regression on the terms of the equation, the fit, and the noise's likelihood.
+
+    delayed   beta (n,) at a further delay [s], where more is known of it than its rows show; None: `later` of the rows
+    """
 
     rows: Rows
     modes: Modes
     fit: Fit
     noise: Noise
+    delayed: Callable[[float], np.ndarray] | None = None
 
     @property
     def weight(self) -> np.ndarray:
@@ -35,7 +40,11 @@ class Piece:
 
     def shifted(self, terms: tuple[str, ...], leads: list[float]) -> np.ndarray:
         """Return the columns (n, k, q) of terms in n modes, with beta delayed by each of k leads [s]."""
-        return with_betas(self.rows, self.modes, terms, [later(self.rows, lead) for lead in leads])
+        return with_betas(self.rows, self.modes, terms, [self.beta_at(lead) for lead in leads])
+
+    def beta_at(self, lead: float) -> np.ndarray:
+        """Return beta (n,) delayed by `lead` [s]."""
+        return self.delayed(lead) if self.delayed is not None else later(self.rows, lead)
 
     def unexplained(self, terms: tuple[str, ...], leads: list[float]) -> np.ndarray:
         """Return the weighted squares (k,) that terms leave with beta delayed by each of k leads [s]."""
@@ -93,9 +102,9 @@ def beside(pieces: list[Piece], terms: tuple[str, ...]) -> list[Piece]:
     return fitted([(piece.rows, term_modes(piece.rows, terms)) for piece in pieces])
 
 
-def moved(rows: Rows, lead: float) -> Rows:
-    """Return the rows with beta delayed by `lead` [s]."""
-    return replace(rows, beta=later(rows, lead)) if lead else rows
+def moved(piece: Piece, lead: float) -> Rows:
+    """Return the rows of a piece with beta delayed by `lead` [s]."""
+    return replace(piece.rows, beta=piece.beta_at(lead)) if lead else piece.rows
 
 
 def pooled(pieces: list[Piece]) -> tuple[float, float, float]:

@@ -48,9 +48,8 @@ def usable(seen: CheckedLog, *, is_steadied: bool = True) -> Rows | None:
     rows = Rows(t, theta, path_angle(t, path), rate, beta, has_rate, bool(np.isfinite(path).any()),
                 np.concatenate([[0], cuts, [len(t)]]), is_held=seen.rates["beta"].kind == HELD_WORD)
     command = log.beta_cmd[times][there]
-    if not rows.is_held and np.array_equal(command, beta):
-        # a command holds until the next: by lines between rows the mean of both has the integral of its steps
-        rows = replace(rows, beta=0.5 * (beta + before(beta)), is_command=True)
+    if np.array_equal(command, beta):   # a command holds until the next
+        rows = replace(rows, is_held=True, is_command=True)
     noise, doubt = nozzle_noise(rows, [theta, *([rate] if has_rate else []), *([command] if np.isfinite(command).all()
                                                                              else [])])
     means = thinned(replace(rows, theta=steadied(rows)) if has_rate and is_steadied else rows)

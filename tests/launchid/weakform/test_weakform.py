@@ -263,11 +263,28 @@ def test_a_step_behind_a_lag_is_its_step_response(order, response, is_held):
     step = np.where(np.arange(len(t)) % 100 < 20, 1.0, 3.0)
     rows = dataclasses.replace(rows_of({"t": t, "theta": np.sin(t), "beta": step}), is_held=is_held)
     late = acting_later(rows, 0.0, 0.1, order)
-    since = np.maximum(t[:100] - t[20] + (0.0 if is_held else 0.5 * H), 0.0)
-    exact = is_held and order == 1
-    assert np.allclose(late.beta[:100], 1.0 + 2.0 * response(since / 0.1), atol=0.004 if exact else 0.03)
+    within = np.linspace(0.0, H, 101) if is_held else np.array([0.5 * H])   # a held beta is the mean over each step
+    since = np.maximum(t[:100, None] - t[20] + within, 0.0)
+    assert np.allclose(late.beta[:100], 1.0 + 2.0 * response(since / 0.1).mean(axis=1), atol=1e-4 if is_held else 0.03)
     left = without_beginnings(late, 0.3)
     assert left.t[0] == pytest.approx(0.3) and left.t[left.bounds[1]] == pytest.approx(1.8)
+
+
+def test_a_held_beta_delayed_by_parts_of_a_row_is_the_mean_of_what_acts():
+    """Behind a lag, at delays of -0.4 to 2.3 rows: of the response, on a grid 200 times as fine."""
+    t, rng = np.arange(200) * H, np.random.default_rng(3)
+    command = rng.normal(size=200)
+    command[-3:] = command[-4]
+    rows = dataclasses.replace(rows_of({"t": t, "theta": np.sin(t), "beta": command}), is_held=True)
+    fine = np.arange(200 * 200) * H / 200
+    for delay in (-0.4 * H, 0.0, 0.7 * H, 2.3 * H):
+        at = np.floor((fine - delay) / H + 1e-9).astype(int)
+        nozzle = command[np.clip(at, 0, 199)] - command[0]
+        acting, gone = np.zeros(len(fine)), math.exp(-H / 200 / 0.035)
+        for k in range(1, len(fine)):
+            acting[k] = gone * acting[k - 1] + (1.0 - gone) * nozzle[k - 1]
+        mean = command[0] + acting.reshape(200, 200).mean(axis=1)
+        assert np.allclose(acting_later(rows, delay, 0.035).beta, mean, atol=0.01)
 
 
 def test_two_clocks_are_no_late_beta():
