@@ -99,7 +99,9 @@ def first(log: Log) -> First:
     nominal = answer(result)
     is_beta = c.has("beta") and not result.channels.has("beta")   # it drives as it stands
     nominal = replace(nominal, delay_of="beta") if is_beta else replace(nominal, law=shown_law(log))
-    return replace(nominal, refused=tuple(reasons(nominal, result, "beta" if c.has("beta") else "beta_cmd")))
+    refused = reasons(nominal, result, "beta" if c.has("beta") else "beta_cmd")
+    lost = [fault.message for fault in seen.faults if fault.kind == "stale"] if refused else []   # why, before what
+    return replace(nominal, refused=(*lost, *refused))
 
 
 def is_constant(c: Channels) -> bool:

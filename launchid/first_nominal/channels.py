@@ -15,7 +15,7 @@ from ..log.stamps import usable_rows
 from ..sums import combined, least_squares, products, square
 from ..weakform.prepare import path_angle
 
-MIN_ROWS_A_LOG = 100   # rows: below, noise levels and a held-out part are chance
+MIN_ROWS_A_LOG = 60    # rows, 1.2 s at 50 Hz: below, noise levels and a held-out part are chance
 SPIKE_OVER_MEDIAN = 20.0  # times the median distance from the median of five rows: one in a million is at 8
 SPIKE_OVER_LARGEST = 4.0  # times the largest step beside it: fast motion is no spike
 ROWS_BESIDE_SPIKE = 6  # rows beside it
@@ -68,8 +68,8 @@ def channels(log: Log) -> Channels:
     rows = usable_rows(log.t)
     rows &= np.any([np.isfinite(getattr(log, name)) for name in (*moving, *driven)], axis=0)
     if np.count_nonzero(rows) < MIN_ROWS_A_LOG:
-        raise InputError(f"{log.path}: {np.count_nonzero(rows)} usable rows; "
-                         f"a first nominal needs at least {MIN_ROWS_A_LOG}")
+        raise InputError(f"{log.path}: {np.count_nonzero(rows)} usable rows; a first nominal needs at least "
+                         f"{MIN_ROWS_A_LOG}: log at a higher rate, or for longer")
     t = log.t[rows]
     notes: list[str] = []
     if np.count_nonzero(~rows):

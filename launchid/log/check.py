@@ -212,12 +212,12 @@ def rate_faults(log: Log, data: DataCheck) -> list[Fault]:
     diagnosis that is an effect of a sensor, for an estimator it is not."""
     t, columns = related(log, data.usable, data.masks)
     period = float(t[1] - t[0]) if columns else 0.0
-    if columns and is_other_motion(columns, period):
+    both = data.masks["theta"] & data.masks["theta_dot"]
+    known = np.interp(t, log.t[data.usable], both[data.usable]) > 1.0 - 1e-9 if columns else np.zeros(0, bool)
+    if columns and is_other_motion(columns, period, known):
         return [Fault("motion", None, float(t[0]), float(t[-1]), len(t),
                       "theta_dot is not the slope of theta over any time: the body turns about its other axes too, or "
                       "the two are of different devices")]
-    both = data.masks["theta"] & data.masks["theta_dot"]
-    known = np.interp(t, log.t[data.usable], both[data.usable]) > 1.0 - 1e-9 if columns else np.zeros(0, bool)
     scale = foreign_scale(columns, period, known) if columns else None
     if scale is None:
         return []

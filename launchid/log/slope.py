@@ -107,29 +107,36 @@ def lengths(rows: int) -> Iterator[int]:
         length *= 2
 
 
-def slope_fit(columns: Columns, period: float) -> tuple[Fit, bool]:
+def slope_fit(columns: Columns, period: float, known: np.ndarray | None = None) -> tuple[Fit, bool]:
     """Return (fit of theta = gain * integral of theta_dot + bias at the block length at which it explains most; whether
     theta changes by more than the noise of both columns at any length).
 
-    period  between rows, in any unit of time
+    period  between rows, in any unit of time;  known (n,) bool: both were measured; None: in all rows
+    Of rows that were not measured, for a gyro stood at its limit, lines are no motion: blocks with any are left out.
     """
     theta, theta_dot = columns["theta"], columns["theta_dot"]
+    both = np.ones(len(theta), bool) if known is None else known
     turned, best, moves = integral(theta_dot, period), NO_FIT, False
     noise = [0.5 * float(np.var(np.diff(x))) for x in (theta, theta_dot)]  # of a row, the motion's steps in it
     for rows in lengths(len(theta)):
-        change = np.diff(block_means(theta, rows))
-        fit = regress(change, [np.diff(block_means(turned, rows))])
+        whole = block_means(both, rows) == 1.0
+        whole = whole[1:] & whole[:-1]
+        if np.count_nonzero(whole) < (1 if known is None else ENOUGH_BLOCKS):
+            continue
+        change = np.diff(block_means(theta, rows))[whole]
+        fit = regress(change, [np.diff(block_means(turned, rows))[whole]])
         best = fit if fit.explained > best.explained else best
         by_noise = 2.0 * noise[0] / rows + 2.0 / 3.0 * rows * period**2 * noise[1]
         moves = moves or by_noise < NOISE_SHARE * float(np.var(change))
     return best, moves
 
 
-def is_other_motion(columns: Columns, period: float) -> bool:
-    """Whether theta moves and theta_dot is not its slope at any block length: the body turns about other axes too."""
+def is_other_motion(columns: Columns, period: float, known: np.ndarray) -> bool:
+    """Whether theta moves and theta_dot is not its slope at any block length, in rows where both are measured, known
+    (n,) bool: the body turns about other axes too."""
     if not {"theta", "theta_dot"} <= set(columns):
         return False
-    fit, moves = slope_fit(columns, period)
+    fit, moves = slope_fit(columns, period, known)
     return moves and fit.explained < CLEAR
 
 

@@ -91,7 +91,7 @@ def stopped(name: str, t: np.ndarray, x: np.ndarray, mask: np.ndarray, so_far: E
         ends = " and ".join(f"{value:.4g}" for value in np.unique(x[at]))
         yield Fault("stale", name, float(t[at[0]]), float(t[at[-1]]), len(at),
                     f"{name} is at an end stop of its sensor ({ends}) in {len(at)} rows, first at t = "
-                    f"{t[at[0]]:.6g} s; what it measured there is left out")
+                    f"{t[at[0]]:.6g} s; what it measured there is left out: set a wider range of the sensor")
 
 
 def wrapped_rows(x: np.ndarray) -> np.ndarray:
