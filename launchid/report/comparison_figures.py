@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from sim.canvas import NOMINAL_COLOUR, TRACKED_BAND
+
 from ..comparison.flown import FLOWN_CHANNELS
 from ..comparison.frequency_response import COHERENT, DECIBEL, Response, decibels_and_degrees
 from ..comparison.prediction import HORIZONS
 from ..log.table import UNITS
-from .drawing import INTERVAL
+from .drawing import INTERVAL, band
 
 if TYPE_CHECKING:
     from .comparison import Comparison
@@ -58,7 +60,7 @@ def comparison_figure(made: "Comparison") -> Figure:
             right.text(0.5, 0.5, "not predicted: the command is what predictions are given", ha="center", va="center",
                        fontsize=FONT_SIZE, transform=right.transAxes)
         left.set_ylabel(f"{CHANNEL_WORDS[name]}\n[{UNITS[name]}]", fontsize=FONT_SIZE)
-        right.set_ylabel(f"[{UNITS[name]}]", fontsize=FONT_SIZE)
+        right.set_ylabel(f"{name} less predicted\n[{UNITS[name]}]", fontsize=FONT_SIZE)
     for axis in axes[-1]:
         axis.set_xlabel("t [s]", fontsize=FONT_SIZE)
     return _finished(figure)
@@ -77,10 +79,9 @@ def dispersion_figure(made: "Comparison") -> Figure | None:
     for column, (label, of) in zip(axes.T, flew, strict=True):
         for axis, name in zip(column, names, strict=True):
             place = of.places[name]
-            axis.plot(place.t, place.measured, label="measured", **{**MEASURED_LINE, "linewidth": 1.8})
-            for line, words, dash in ((place.low, "5 and 95 % of the flights", "--"), (place.high, "_", "--"),
-                                      (place.middle, "their median", ":")):
-                axis.plot(place.t, line, color="0.0", linewidth=0.9, linestyle=dash, label=words)
+            band(axis, place.t, place.low, place.high, TRACKED_BAND, "5 to 95 % of the flights")
+            axis.plot(place.t, place.measured, color="0.2", linewidth=0.8, label="measured")
+            axis.plot(place.t, place.middle, color=NOMINAL_COLOUR, linewidth=1.1, linestyle="--", label="their median")
             axis.set_title(f"{label}: outside in {100.0 * place.outside:.0f} % of the time; peak above that of "
                            f"{100.0 * place.peak:.0f} % of the flights", fontsize=FONT_SIZE, loc="left")
             axis.set_ylabel(f"{CHANNEL_WORDS[name]}\n[{UNITS[name]}]", fontsize=FONT_SIZE)

@@ -23,7 +23,7 @@ CAPTIONS = {  # file: heading, and how to read it
         "what the prediction 1 s ahead leaves, from the state as the nominal's filter knows it, on the logged "
         "commands."),
     "dispersions.png": ("The flight in the nominal's dispersions",
-        "Dashed: 5 and 95 % of the dispersed flights; dotted: their median; wide grey: measured. A flight of the "
+        "Band: from 5 to 95 % of the dispersed flights; dashed: their median; line: measured. A flight of the "
         "nominal is outside in 10 % of the time."),
     "responses.png": ("Frequency responses",
         "Dots: measured, where the coherence is high enough; dotted: 95 % interval; wide grey, where there is an "
@@ -54,8 +54,9 @@ def pictures_of(made: "Comparison") -> dict[str, Picture]:
 def write_comparison(made: "Comparison", folder: str | Path) -> None:
     """Write report.html, compare.json and the figures into a folder, which is made if there is none."""
     names = ", ".join(each.label for each in made.nominals)
-    write_report(folder, f"Measured beside {names}", f"launchid compare: {Path(made.log.path).name}",
-                 summary_table(made), [("Figures", [pictures_of(made)])], ("compare.json", made.to_json()),
+    write_report(folder, made.report["headline"], f"launchid compare: {Path(made.log.path).name} beside {names}",
+                 f"<p>Next: {text(made.report['next'])}</p>" + summary_table(made),
+                 [("Figures", [pictures_of(made)])], ("compare.json", made.to_json()),
                  glossary=GLOSSARY)
 
 

@@ -2,7 +2,8 @@
 
     {"columns", "arrays": [[...]], "panels": [{"row", "rows", "column", "columns", "height" [px], "group", "title", "x",
      "abscissa", "log", "xlim", "ylim", "series": [{"x", "y" (indices of arrays), "label", "color", "width", "dash",
-     "size"}], "marks": [{"axis", "from", "to", "color", ...} | {"at", "words"}]}]}
+     "size"}], "bands": [{"x", "low", "high" (indices of arrays), "label", "color"}], "marks": [{"axis", "from", "to",
+     "color", ...} | {"at", "words"}]}]}
 
 Panels of one group share their abscissa.
 """
@@ -44,11 +45,12 @@ class Arrays:
 def figure_json(figure: Figure) -> Json | None:
     """Return the figure as JSON; None if it holds more than lines, bands and words (bars, error bars, an image)."""
     axes = figure.axes
-    if not axes or any(axis.containers or axis.images or axis.collections for axis in axes):
+    if not axes or any(axis.containers or axis.images or
+                       any(not hasattr(each, "band") for each in axis.collections) for axis in axes):
         return None
     arrays, styles = Arrays(), {_style(line): str(line.get_label()) for axis in axes for line in axis.lines
                                 if not str(line.get_label()).startswith("_")}
-    panels = [_panel(axis, axes, arrays, styles) for axis in axes if axis.lines]
+    panels = [_panel(axis, axes, arrays, styles) for axis in axes if axis.lines or axis.collections]
     return {"columns": max(each["column"] + each["columns"] for each in panels), "arrays": arrays.lists,
             "panels": panels}
 
@@ -77,7 +79,15 @@ def _panel(axis: Any, axes: list[Any], arrays: Arrays, styles: dict[Any, str]) -
             "title": ": ".join(filter(None, (y, title))), "x": _words(axis.get_xlabel()),
             "abscissa": max((_words(each.get_xlabel()) for each in shared), key=len),
             "log": [axis.get_xscale() == "log", axis.get_yscale() == "log"], "xlim": list(map(float, axis.get_xlim())),
-            "ylim": list(map(float, axis.get_ylim())), "series": series, "marks": _marks(axis)}
+            "ylim": list(map(float, axis.get_ylim())), "series": series, "bands": _bands(axis, arrays),
+            "marks": _marks(axis)}
+
+
+def _bands(axis: Any, arrays: Arrays) -> list[Json]:
+    """Return what `drawing.band` has filled as JSON."""
+    return [{"x": arrays.place(t, X_DIGITS), "low": arrays.place(low, Y_DIGITS), "high": arrays.place(high, Y_DIGITS),
+             "label": _words(each.get_label()), "color": to_hex(each.get_facecolor()[0])}
+            for each in axis.collections for t, low, high in [each.band]]
 
 
 def _marks(axis: Any) -> list[Json]:

@@ -11,8 +11,11 @@ from ..diagnosis.gain import CHANNELS, GAIN_HORIZON, SPACING, predictions
 from ..diagnosis.verdict import Result
 from ..likelihood.estimate import Fit, refreshed
 from ..log.table import UNITS
+from .drawing import band, envelope
 from .log_figures import logs_figure, looked_at
 
+ENVELOPE_COLOURS = ("#f0bd98", "#5f7ea6")  # nominal, with the causes: in grey, too, the second is darker
+GROUPS = 450           # neighbours of an envelope: some two pixels each
 INNOVATION_BAND = 3.0  # standard deviations of an innovation: 99.7 % stay within
 LOG_LINE = {"color": "0.72", "linewidth": 2.6}
 BEFORE_LINE = {"color": "#c2570c", "linewidth": 1.0, "linestyle": "--"}
@@ -67,13 +70,14 @@ def innovations(result: Result) -> Figure | None:
     channels = [ch for ch, name in enumerate(CHANNELS) if m.log.has[name]]
     figure, axes = panels(len(channels), "prediction errors one row ahead; dotted: 3 standard deviations")
     t = m.log.t[:-1] + m.log.track.record.shift
-    for label, style, fit in shown(result):
+    for colour, (label, _, fit) in zip(ENVELOPE_COLOURS, shown(result), strict=False):
         made = refreshed(m, fit).run
         for axis, ch in zip(axes, channels, strict=True):
             inside = np.isfinite(made.S[:, ch])
             outside = float(np.mean(np.abs(made.E[inside, ch]) > INNOVATION_BAND * np.sqrt(made.S[inside, ch])))
-            axis.plot(t[inside], made.E[inside, ch], color=style["color"], linewidth=0.5,
-                      label=f"{label}: {100 * outside:.1f} % outside")
+            if inside.any():
+                band(axis, *envelope(t[inside], made.E[inside, ch], GROUPS), colour,
+                     f"{label}: {100 * outside:.1f} % outside")
             for sign in (-1.0, 1.0):
                 axis.plot(t[inside], sign * INNOVATION_BAND * np.sqrt(made.S[inside, ch]), color="0", linewidth=0.8,
                           linestyle=":")

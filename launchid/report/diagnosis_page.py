@@ -29,8 +29,9 @@ PICTURES = {
                    "Each prediction runs free from the state as known at its start, under numbers that its block was "
                    "not used for. Grey: measured; dashed: as simulated; solid: with the causes."),
     "innovations.png": ("Prediction errors along the log",
-                        "Measured less predicted one row ahead, by a filter that corrects itself at each row. Dotted: "
-                        "3 standard deviations, which 0.3 % leave if the model is right."),
+                        "Measured less predicted one row ahead, by a filter that corrects itself at each row. Bands: "
+                        "from the lowest to the highest of neighbouring rows. Dotted: 3 standard deviations, which "
+                        "0.3 % leave if the model is right."),
     "worth.png": ("What each cause is worth",
                   "What it saves on blocks left out when it comes last, in nats: 3 nats are odds of 20 to 1.")}
 

@@ -56,11 +56,11 @@ def write_joint(found: "JointAnswer", folder: str | Path) -> None:
                                           for j in range(2)), f"{of[each.log]:.2g}" if each.log in of else "-"]
             for each in found.told]
     others = set() if found.joint is None else set(found.joint.others)
-    first = f"<p><b>{text(found.report['headline'])}</b></p>" + table(
+    first = table(
         ("flight", *PARAMETERS, "p against the others"), rows, [k in others for k in range(len(rows))])
     first += paragraphs([*found.joint_lines()[len(found.told):], f"Next: {found.report['next']}", *found.warnings])
     pictures = {"flights.png": Picture("The flights, and all of them",
                                        "Points: flights, with 95 % intervals; band: the joint answer's.",
                                        found._figure)}
-    write_report(folder, f"{len(found.flights)} flights", "launchid identify: several flights of one vehicle", first,
-                 [("Figures", [pictures])], ("flights.json", found.to_json()), glossary=WORDS)
+    write_report(folder, found.report["headline"], f"launchid identify: {len(found.flights)} flights of one vehicle",
+                 first, [("Figures", [pictures])], ("flights.json", found.to_json()), glossary=WORDS)

@@ -95,9 +95,9 @@ def _parameter_panel(axis: Any, name: str, log: Log, report: dict[str, Any], nom
         axis.errorbar(t[bounded], value[bounded], yerr=bound[bounded], fmt="none", ecolor="0.45", elinewidth=0,
                       capsize=4, label="Cramer-Rao bound of it, 95 %")
     _draw_changes(axis, changes)
-    mark_refused(axis, windows)
     low, high = _scale(value, half, beside)
     axis.set_ylim(low, high)
+    mark_refused(axis, windows)
     mark_edges(axis, t, value, half, low, high)
     axis.set_ylabel(f"{name} [{UNIT}]")
     legend(axis)

@@ -43,7 +43,7 @@ def identify_report(found: "Identification", folder: str | Path) -> None:
              *(_number(window["fit"][name]) for name in ("r2_held_out", "whiteness"))] for window in windows]
     valid, last = sum(window["valid"] for window in windows), closing(found.report)
     lines = [line for line in found.summary().splitlines()[1:] if not line[:1].isspace() and line not in last]
-    first = f"<p><b>{text(found.report['headline'])}</b></p><p>{valid} of {len(windows)} windows are valid.</p>" \
+    first = f"<p>{valid} of {len(windows)} windows are valid.</p>" \
         + paragraphs([*last[1:], *lines, *found.warnings]) + table(head, rows, [False] * len(rows))
     pictures = {
         "identify.png": Picture("Estimates over the flight",
@@ -54,9 +54,9 @@ def identify_report(found: "Identification", folder: str | Path) -> None:
             "predictions from the windows' numbers, beside the log.", lambda: _residuals(found)),
         "log.png": Picture("The log", "The columns as they were read.", lambda: _columns(found))}
     nominal = "the log alone" if found.nominal is None else f"nominal {found.nominal.name}"
-    write_report(folder, f"a6 and k1 of {Path(found.log.path).name}", f"launchid identify: {found.config.formulation}, "
-                 f"windows of {found.config.window:g} s, {nominal}", first, [("Figures", [pictures])],
-                 ("identify.json", found.to_json()), glossary=IDENTIFY_WORDS)
+    write_report(folder, found.report["headline"], f"launchid identify: a6 and k1 of {Path(found.log.path).name}, "
+                 f"{found.config.formulation}, windows of {found.config.window:g} s, {nominal}", first,
+                 [("Figures", [pictures])], ("identify.json", found.to_json()), glossary=IDENTIFY_WORDS)
 
 
 def _coefficients(window: dict[str, Any]) -> list[str]:

@@ -19,7 +19,7 @@ from ..robustness.flown import of_nominal
 from ..robustness.gains import kept_over
 from ..robustness.loops import Loops, loops
 from ..robustness.margin_spread import MARGIN_NAMES, ellipsoid
-from .drawing import mark_refused
+from .drawing import mark_edges, mark_refused
 
 DECADES = (-1.0, 0.02)   # of the frequency axis around the crossover: from, and below half the sampling rate
 CURVE_POINTS = 400
@@ -61,7 +61,7 @@ def margins_figure(log: Log, nominal: Nominal | None, windows: Sequence[WindowMa
 def _over_time(axis: Any, name: str, report: dict[str, Any], required: Required) -> None:
     """Draw one margin of the windows and of the tracked estimates, with its required value."""
     windows = report["windows"]
-    shown = []
+    shown, beyond = [], []
     for estimate, rows in (("tracked", [(w["t_end"], 0.0, w["tracked"]) for w in windows if "tracked" in w]),
                            ("window", [(0.5 * (w["t_start"] + w["t_end"]), 0.5 * (w["t_end"] - w["t_start"]), w)
                                        for w in windows])):
@@ -78,14 +78,18 @@ def _over_time(axis: Any, name: str, report: dict[str, Any], required: Required)
             axis.plot(t, value, color=TRACKED, linewidth=1.3)
         else:
             ends = np.nan_to_num(np.abs([value - low, high - value]))
+            without = np.isnan(value) & np.isfinite(low)  # nothing is lost however far the gain falls
+            beyond.append((t, np.where(without, np.inf, value), np.maximum(*ends)))
             axis.errorbar(t, value, xerr=half, yerr=ends, fmt="o", color="0.0", markersize=3, linewidth=0.8,
                           label="window, 95 % interval")
     demand = abs(required_of(required, name)) if MARGINS[name].required else 0.0
     if demand != 0.0:
         axis.axhline(demand, color="0.0", linestyle="--", linewidth=1.1, label="required")
-    mark_refused(axis, windows)
     axis.set_ylabel(MARGINS[name].words + (f"\n[{MARGINS[name].unit}]" if MARGINS[name].unit else ""), fontsize=8)
     _scale(axis, np.concatenate(shown) if shown else np.zeros(0), demand)
+    mark_refused(axis, windows)
+    for at, middle, reach in beyond:
+        mark_edges(axis, at, middle, np.nan_to_num(reach), *axis.get_ylim())
 
 
 def _upward(name: str, interval: Iterable[float]) -> tuple[float, float, float]:
@@ -121,10 +125,12 @@ def _one_loop(axes: tuple[Any, Any, Any], nominal: Nominal | None, required: Req
         _believed((nichols, gain, phase), nominal, middle, omega)
     nichols.plot(band[1][0], band[0][0], color="0.0", linewidth=1.4, label="as identified", zorder=4)
     _required_cross(nichols, required)
-    nichols.set_title(f"window {window.t_start:g}..{window.t_end:g} s", fontsize=9, loc="left")
+    nichols.set_title(f"Nichols chart of the window {window.t_start:g}..{window.t_end:g} s", fontsize=9, loc="left")
     gain.axhline(0.0, color="0.4", linewidth=0.7)
     phase.axhline(-180.0, color="0.4", linewidth=0.7)
     gain.set_ylim(-NICHOLS_RANGE, NICHOLS_RANGE)
+    gain.set_title("Bode plot: gain", fontsize=9, loc="left")
+    phase.set_title("Bode plot: phase", fontsize=9, loc="left")
     gain.set_ylabel("|L| [dB]", fontsize=8)
     phase.set_ylim(*PHASE_AXIS)
     phase.set_ylabel("phase of L [deg]", fontsize=8)

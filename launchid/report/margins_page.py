@@ -36,7 +36,7 @@ def margins_report(found: "FlightMargins", folder: str | Path) -> None:
             chosen.append(any(each["t_start"] == window["t_start"] and each["estimate"] == of
                               for each in said["below"] + said["may_be_below"]))
     lines = [*crossing_lines(said), *closing_lines(said), *gain_lines(said),
-             *(said[key] for key in ("why", "next") if key in said),
+             f"Next: {said['next']}",
              *said["findings"], *(f"assumed: {each}" for each in said["assumed"]), *found.warnings]
     required = Required() if found.nominal is None else found.nominal.margins
     whose = "the log alone" if found.nominal is None else f"nominal {found.nominal.name}"
@@ -48,6 +48,6 @@ def margins_report(found: "FlightMargins", folder: str | Path) -> None:
     pictures = {"margins.png": Picture("Margins over the flight, and the last loop",
         "Left: margins with 95 % intervals, and what is required. Right: the last window that has margins, as Nichols "
         "chart and Bode plot, beside the nominal's loop and those of its declared ranges.", found._figure)}
-    write_report(folder, f"Stability margins of {Path(found.log.path).name}",
-                 f"launchid margins: windows of {found.config.window:g} s, {whose}", first,
+    write_report(folder, said["headline"], f"launchid margins: the loop of {Path(found.log.path).name}, "
+                 f"windows of {found.config.window:g} s, {whose}", first,
                  [("Figures", [pictures])], ("margins.json", found.to_json()), glossary=MARGIN_WORDS)

@@ -21,7 +21,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], chosen: Sequence[b
     body = [f"{marks[k] if k < len(marks) else '<tr>'}{''.join(f'<td>{cell}</td>' for cell in row)}</tr>"
             for k, row in enumerate(rows)]
     top = "".join(f"<th>{text(cell)}</th>" for cell in head)
-    return f"<table><thead><tr>{top}</tr></thead><tbody>{''.join(body)}</tbody></table>\n" if body else ""
+    return f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{"".join(body)}</tbody></table></div>\n' \
+        if body else ""
 
 
 def list_of(items: Sequence[str]) -> str:

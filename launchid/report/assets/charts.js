@@ -57,20 +57,41 @@ function drawFigure(root, figure) {
     place.style.gridRow = (of.row + 1) + " / span " + of.rows;
     place.style.gridColumn = (of.column + 1) + " / span " + of.columns;
     root.append(place);
-    const [x, y] = [of.series.map(s => figure.arrays[s.x]), of.series.map(s => figure.arrays[s.y])];
+    const all = of.bands.map(b => ({x: b.x, y: b.high, low: figure.arrays[b.low], label: b.label, color: b.color,
+      width: 0, size: 0, dash: []})).concat(of.series);
+    const [x, y] = [all.map(s => figure.arrays[s.x]), all.map(s => figure.arrays[s.y])];
     const data = x.length ? uPlot.join(x.map((each, k) => [each, y[k]])) : [[...of.xlim]];
-    const series = of.series.map(s => ({label: s.label, stroke: s.color, width: s.width, dash: s.dash,
-      points: {show: s.size > 0, size: s.size, stroke: s.color, fill: s.color}, value: (u, v) => v === null || v === undefined ? "" : shortest(v),
+    const series = all.map(s => ({label: s.label, stroke: s.color, width: s.width, dash: s.dash,
+      points: {show: s.size > 0, size: s.size, stroke: s.color, fill: s.color}, value: (u, v, k, row) => s.low ? inBand(figure.arrays[s.x], s.low, figure.arrays[s.y], u.data[0][row]) :
+        v === null || v === undefined ? "" : shortest(v),
       ...(s.width ? {} : {paths: () => null})}));
-    const options = panelOptions({...of, series, sync: root.id + of.group, under: (g, u, on) => spans(g, on, of.marks),
+    const options = panelOptions({...of, series, sync: root.id + of.group, under: (g, u, on) => { spans(g, on, of.marks);
+      for (const b of of.bands) fill(g, on, figure.arrays[b.x], figure.arrays[b.low], figure.arrays[b.high], b.color); },
       over: (g, u, on) => words(g, on, of.marks)}, place.clientWidth, of.height);
     const plot = new uPlot(options, data, place);
     plot.root.querySelectorAll(".u-series").forEach((row, k) => { row.hidden = k > 0 && (
-      !of.series[k - 1].label || of.series.findIndex(s => s.label === of.series[k - 1].label) < k - 1); });
+      !all[k - 1].label || all.findIndex(s => s.label === all[k - 1].label) < k - 1); });
     return [place, plot, of.height];
   });
   window.addEventListener("resize", () => plots.forEach(([place, plot, height]) =>
     plot.setSize({width: place.clientWidth, height})));
+}
+function fill(g, on, x, low, high, color) {  // between two curves, broken where one is unknown
+  const known = k => low[k] !== null && high[k] !== null;
+  g.fillStyle = color;
+  for (let k = 0; k < x.length;) {
+    const from = k;
+    while (k < x.length && known(k)) k++;
+    g.beginPath();
+    for (let j = from; j < k; j++) g.lineTo(on.X(x[j]), on.Y(high[j]));
+    for (let j = k - 1; j >= from; j--) g.lineTo(on.X(x[j]), on.Y(low[j]));
+    g.fill(); k++;
+  }
+}
+function inBand(x, low, high, at) {          // its ends nearest to the cursor
+  if (at === undefined || at < x[0] || at > x[x.length - 1]) return "";
+  const k = x.reduce((best, each, j) => Math.abs(each - at) < Math.abs(x[best] - at) ? j : best, 0);
+  return low[k] === null || high[k] === null ? "" : shortest(low[k]) + " .. " + shortest(high[k]);
 }
 function spans(g, on, marks) {
   for (const m of marks) if (m.to !== undefined) {
