@@ -45,7 +45,7 @@ def comparison_figure(made: "Comparison") -> Figure:
     is_flown = any(each.flown is not None for each in made.nominals)
     axes[0, 0].set_title("flown from the reference" if is_flown else "measured (no nominal can fly this log)",
                          fontsize=9, loc="left", pad=26)
-    axes[0, 1].set_title(f"measured less predicted, {LONGEST_HORIZON:g} s ahead", fontsize=9, loc="left", pad=26)
+    axes[0, 1].set_title(f"predicted {LONGEST_HORIZON:g} s ahead", fontsize=9, loc="left", pad=26)
     for (left, right), name in zip(axes, names, strict=True):
         left.plot(made.log.t, getattr(made.log, name), label="measured", **MEASURED_LINE)
         for k, (each, said) in enumerate(zip(made.nominals, made.report["nominals"], strict=True)):
@@ -60,7 +60,7 @@ def comparison_figure(made: "Comparison") -> Figure:
             right.text(0.5, 0.5, "not predicted: the command is what predictions are given", ha="center", va="center",
                        fontsize=FONT_SIZE, transform=right.transAxes)
         left.set_ylabel(f"{CHANNEL_WORDS[name]}\n[{UNITS[name]}]", fontsize=FONT_SIZE)
-        right.set_ylabel(f"{name} less predicted\n[{UNITS[name]}]", fontsize=FONT_SIZE)
+        right.set_ylabel(f"{name}, measured\nless predicted [{UNITS[name]}]", fontsize=FONT_SIZE)
     for axis in axes[-1]:
         axis.set_xlabel("t [s]", fontsize=FONT_SIZE)
     return _finished(figure)

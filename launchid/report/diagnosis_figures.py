@@ -80,12 +80,12 @@ def innovations(result: Result) -> Figure | None:
                      f"{label}: {100 * outside:.1f} % outside")
             for sign in (-1.0, 1.0):
                 axis.plot(t[inside], sign * INNOVATION_BAND * np.sqrt(made.S[inside, ch]), color="0", linewidth=0.8,
-                          linestyle=":")
+                          linestyle=":", label="3 standard deviations" if sign > 0.0 and label == "nominal" else "_")
             top = 1.2 * float(np.quantile(np.abs(made.E[inside, ch]), 0.999))
             if top > 0.0 and label == "nominal":
                 axis.set_ylim(-top, top)
             axis.set_ylabel(f"{CHANNELS[ch]} [{UNITS[CHANNELS[ch]]}]")
-            axis.legend(fontsize=8, ncol=2)
+            axis.legend(fontsize=8, ncol=3)
     axes[-1].set_xlabel("t [s]")
     return figure
 

@@ -105,9 +105,10 @@ function words(g, on, marks) {
   for (const m of marks) {
     if (m.words !== undefined) {
       const x = on.X(m.at[0]) + 4, y = m.at[1] === null ? on.top + 3 : on.Y(m.at[1]) - 3;
-      m.words.split("\n").forEach((line, k) => {
-        g.fillStyle = "rgba(255,255,255,0.8)"; g.fillRect(x - 1, y + 13 * k - 1, g.measureText(line).width + 2, 14);
-        g.fillStyle = "#111"; g.fillText(line, x, y + 13 * k);
+      m.words.split("\n").forEach((line, k) => {  // on the other side where it would be cut
+        const width = g.measureText(line).width, from = x + width > on.right ? Math.max(on.left + 2, x - width - 8) : x;
+        g.fillStyle = "rgba(255,255,255,0.8)"; g.fillRect(from - 1, y + 13 * k - 1, width + 2, 14);
+        g.fillStyle = "#111"; g.fillText(line, from, y + 13 * k);
       });
     } else if (m.to === undefined) {
       g.strokeStyle = m.color; g.lineWidth = m.width; g.setLineDash(m.dash); g.beginPath();

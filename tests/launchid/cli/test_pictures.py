@@ -23,6 +23,7 @@ pytest.importorskip("matplotlib", reason="matplotlib is not installed: no figure
 from matplotlib.figure import Figure
 
 from launchid.report.curves import figure_json
+from launchid.report.drawing import band, envelope, mark_refused
 from launchid.report.inline import FOLDER, MARKS, inlined
 
 
@@ -133,6 +134,39 @@ def test_every_number_of_a_curve_is_there(origin):
     assert first["x"] == second["x"] and len(found["arrays"]) == 3, "an abscissa is there once"
     assert (first["width"] > 0, first["size"], second["width"], second["size"] > 0) == (True, 0, 0, True)
     assert {panel["group"] for panel in found["panels"]} == {0}, "one abscissa, one zoom"
+
+
+def test_a_filled_band_is_there_and_what_is_not_told_apart_is_left_to_the_picture():
+    figure, axes = curves()
+    t, low = np.arange(5.0), np.array([0.0, 1.0, np.nan, 3.0, 4.0])
+    band(axes[0, 0], t, low, low + 2.0, "#336699", "range")
+    found = figure_json(figure)
+    (told,), numbers = found["panels"][0]["bands"], found["arrays"]
+    assert [numbers[told[name]] for name in ("x", "low", "high")] == [
+        [0.0, 1.0, 2.0, 3.0, 4.0], [0.0, 1.0, None, 3.0, 4.0], [2.0, 3.0, None, 5.0, 6.0]]
+    assert (told["label"], told["color"]) == ("range", "#336699")
+    axes[0, 0].scatter(t, t)
+    assert figure_json(figure) is None
+
+
+@pytest.mark.parametrize(("n", "groups"), [(1000, 10), (1003, 10), (3, 10), (1, 10)])
+def test_an_envelope_holds_every_value_and_reaches_its_extremes(n, groups):
+    x = np.random.default_rng(2).normal(size=n)
+    t, low, high = envelope(np.arange(float(n)), x, groups)
+    assert len(t) <= groups + 1 and (low <= high).all() and (low.min(), high.max()) == (x.min(), x.max())
+    assert (np.diff(t) > 0.0).all() and t[0] >= 0.0 and t[-1] <= n - 1.0
+
+
+@pytest.mark.parametrize("limit", [0.0, 0.6, 5.0, 9.4])
+def test_the_reason_of_a_refused_window_stands_clear_of_limits_and_curves(limit):
+    _, axes = curves()
+    axis = axes[0, 0]
+    axis.plot([0.0, 10.0], [limit, 9.0])
+    axis.axhline(limit)
+    axis.set_ylim(0.0, 10.0)
+    mark_refused(axis, [{"t_start": 4.0, "t_end": 6.0, "valid": False, "status": "CHANGE"}])
+    height = 10.0 * axis.texts[0].get_position()[1]
+    assert abs(height - limit) > 0.5 and abs(height - (limit + 0.5 * (9.0 - limit))) > 0.5
 
 
 def test_a_page_holds_the_library_its_licence_and_nothing_from_elsewhere():
