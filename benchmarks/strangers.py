@@ -2,11 +2,13 @@
 
     python benchmarks/strangers.py [--half tuning|held-out] [--rough] [--only WORD...] [--out FILE] [--compare FILE]
 
-Five kinds of body (a drone's roll, a bench with a propeller, a servo with a load, a balancing robot, a pendulum with a
-measured torque), integrated at 1 ms with nothing of the packages. Their input acts late, by a delay and a servo of
-first or second order that no row measures; beside the white noise of the sensors they are moved by a coloured
+Six kinds of body (a drone's roll, a bench with a propeller, a servo with a load, a balancing robot, a pendulum with a
+measured torque, a stand), integrated at 1 ms with nothing of the packages. Their input acts late, by a delay and a
+servo of first or second order that no row measures; beside the white noise of the sensors they are moved by a coloured
 disturbance and a vibration that no model has, 5 to 20 times the acceleration noise that the nominal declares; rates are
 50 to 500 Hz.
+The stand has damping, friction and a drag of the second order; its nominal the damping and the friction that a
+regression gives for all three; its disturbance is up to twice as loud, its input may be small.
 The nominal is right but for one thing, or right: its delay is all of the body's lateness, without its form.
 right: the thing, or its look-alike, is named and nothing else, or a right nominal is consistent; wrong: anything else
 is named, or a wrong nominal is consistent; refused: neither. Seeds are split: one half to tune on, one held out.
@@ -38,6 +40,7 @@ STEP = 1e-3            # s of the integration
 SECONDS = 16.0
 HALVES = {"tuning": 9000, "held-out": 9500}   # first seed
 LATE = ("actuator_delay", "actuator_bandwidth", "actuator_rate_limit")
+DRAWN = {"stand": 4}   # of each thing that may be wrong, once elsewhere
 TRIM = ("attitude_bias", "steady_wind", "thrust_misalignment", "actuator_bias", "missing_term(1)")
 GAIN = ("control_effectiveness", "actuator_gain", "missing_term(beta)")
 # body: things that may be wrong -> names that are right
@@ -50,15 +53,19 @@ WRONG = {
     "robot": {"": (), "k1": GAIN, "late": LATE, "a6": ("aero_instability", "missing_term(theta)"), "trim": TRIM},
     "pendulum": {"": (), "k1": GAIN, "friction": ("friction", "missing_term(sign(theta_dot))"),
                  "linear": ("missing_term(sin(theta))", "aero_cubic", "missing_term(theta^3)"),
-                 "sine": ("missing_term(sin(theta))",)}}
+                 "sine": ("missing_term(sin(theta))",)},
+    "stand": {"": (), "k1": GAIN, "friction": ("friction", "missing_term(sign(theta_dot))"),
+              "own damping": ("aero_damping", "missing_term(theta_dot)")}}
 
 
 class Body(NamedTuple):
-    """theta'' = a6 theta - g sin(theta) - c omega - f sign(omega) + k (b + trim), b the input after delay and servo."""
+    """theta'' = a6 theta - g sin(theta) - (c + d |omega|) omega - f sign(omega) + k (b + trim), b the input that acts,
+    after delay and servo."""
 
     a6: float = 0.0
     g: float = 0.0
     c: float = 0.0
+    d: float = 0.0
     f: float = 0.0
     k: float = 0.0
     trim: float = 0.0
@@ -67,6 +74,7 @@ class Body(NamedTuple):
     zeta: float = 1.0      # 0: of first order
     kp: float = 0.0        # of its own loop, none: random steps of the input
     kd: float = 0.0
+    loud: float = 1.0      # factor of the disturbance
     size: float = 0.0      # of the steps of reference or input
 
 
@@ -89,6 +97,9 @@ def drawn(kind: str, rng: np.random.Generator) -> Body:
         w = 1.6 * math.sqrt(a6)
         return Body(a6=a6, k=k, trim=-u(0.02, 0.05) * a6 / k, delay=u(0.004, 0.01), servo=1.0 / u(0.008, 0.02),
                     zeta=0.0, kp=(w * w + a6) / k, kd=1.5 * w / k, size=u(0.05, 0.1))
+    if kind == "stand":
+        return Body(g=u(6.0, 20.0), c=u(0.4, 1.5), d=u(0.1, 0.8), f=u(0.5, 2.0), k=u(10.0, 25.0),
+                    delay=u(0.005, 0.02), servo=1.0 / u(0.02, 0.06), zeta=0.0, size=u(0.15, 0.6), loud=u(1.0, 2.0))
     return Body(g=u(15.0, 60.0), c=0.05, f=u(0.6, 1.5), k=u(5.0, 10.0), delay=0.0, size=u(1.0, 3.0))
 
 
@@ -101,7 +112,7 @@ def flown(body: Body, rate: float, rng: np.random.Generator,
     steps += 0.1 * body.size * np.sin(3.0 * np.arange(n) * STEP + slow)
     time_constant, hum = rng.uniform(0.03, 0.15), rng.uniform(30.0, 90.0)
     e, tone = rng.normal(size=n), np.sin(hum * np.arange(n) * STEP + 3.0 * slow)
-    share = rng.uniform(0.05, 0.15)
+    share = body.loud * rng.uniform(0.05, 0.15)
     theta, omega, b, v, x, u = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     curve, worn, drift, phase = (0.2, 0.1, 0.03, 6.0) * rng.uniform(size=4) if rough else np.zeros(4)
     late, out, acc = round(body.delay / STEP), np.empty((n, 3)), np.empty(n)
@@ -126,8 +137,9 @@ def flown(body: Body, rate: float, rng: np.random.Generator,
         force = b
         if rough:
             force = b * (1.0 + curve * (math.tanh(abs(b * body.k) / typical) - 0.5)) * (1.0 - worn * i / n)
-        a = body.a6 * theta - body.g * math.sin(theta) - body.c * omega - body.f * math.tanh(omega / 0.02) \
-            + body.k * (force + body.trim) + rough * drift * typical * math.sin(2.0 * math.pi * i / n + phase)
+        a = body.a6 * theta - body.g * math.sin(theta) - (body.c + body.d * abs(omega)) * omega \
+            - body.f * math.tanh(omega / 0.02) + body.k * (force + body.trim) \
+            + rough * drift * typical * math.sin(2.0 * math.pi * i / n + phase)
         acc[i] = a
         a += share * typical * (x + 0.7 * tone[i])
         omega += STEP * a
@@ -145,11 +157,19 @@ def flown(body: Body, rate: float, rng: np.random.Generator,
     return columns, float(np.std(acc)), share * typical
 
 
+def regressed(body: Body, omega: np.ndarray) -> Body:
+    """Return the body with the damping and friction that stand for all its dissipation along the rates `omega`."""
+    truth = (body.c + body.d * np.abs(omega)) * omega + body.f * np.sign(omega)
+    (c, f), *_ = np.linalg.lstsq(np.column_stack([omega, np.sign(omega)]), truth, rcond=None)
+    return body._replace(c=float(c), d=0.0, f=float(f))
+
+
 def nominal_for(kind: str, body: Body, wrong: str, rate: float, motion: float, rng: np.random.Generator) -> Nominal:
     """Return the nominal of a body, one thing wrong, or nothing ("")."""
     off = rng.choice([0.65, 1.5])
+    off_damping = 0.6 if kind == "stand" else 0.4
     k = body.k * (off if wrong == "k1" else 1.0)
-    damping = 0.0 if wrong == "damping" else body.c * (0.4 if wrong == "own damping" else 1.0)
+    damping = 0.0 if wrong == "damping" else body.c * (off_damping if wrong == "own damping" else 1.0)
     terms: dict[str, float] = {"beta": k}
     if body.a6:
         terms["theta"] = body.a6 * (off if wrong == "a6" else 1.0)
@@ -177,7 +197,7 @@ def cases(half: str) -> list[tuple[str, str, str, int]]:
     """Return (name, kind, wrong, seed) of a half."""
     out = []
     for a, (kind, of) in enumerate(WRONG.items()):
-        for b, wrong in enumerate((*of, "")):
+        for b, wrong in enumerate((*of, "") * DRAWN.get(kind, 1)):
             seed = HALVES[half] + 10 * a + b
             out.append((f"{kind}-{wrong.replace(' ', '-') or 'right'}-{seed}", kind, wrong, seed))
     return out
@@ -188,6 +208,8 @@ def made(kind: str, wrong: str, seed: int, rough: bool = False) -> tuple[Log, No
     rng = np.random.default_rng(seed)
     body, rate = drawn(kind, rng), float(rng.choice([50.0, 100.0, 200.0, 500.0]))
     columns, _, motion = flown(body, rate, rng, rough)
+    if body.d:
+        body = regressed(body, columns["theta_dot"])
     nominal = nominal_for(kind, body, wrong, rate, motion, rng)
     sent = columns.pop("input")
     if kind == "pendulum":

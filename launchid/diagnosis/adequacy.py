@@ -9,18 +9,19 @@ from ..likelihood.estimate import Fit, evaluate, gauss_newton, gram, refreshed
 from ..likelihood.likelihood import LEVELS
 from ..sums import along, square
 from .candidates import CANDIDATE_KINDS
-from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, MOST, PRODUCTS, TWIN_Z, Elimination, Kept
+from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, MOST, PRODUCTS, TWIN_Z, Elimination, Kept, Z
 from .gain import Gain
 from .known import SCORE_BLOCKS
 from .model import Model
 from .scan import Found, with_shape
-from .score import compare, left_out
+from .score import compare, deviations, left_out
 
 GOES_Z = 4.5           # block-robust z with which errors follow a signal: something is missing
 GOES = 0.003           # and the share of their squares that does
 LOUD_LEVEL = 2.9       # times the declared, from which a level hides what is not modelled
 WHITE_SQUARES = 1.35   # mean square of whitened errors that a model at its noise may leave
 AHEAD = 0.85           # of a stranger's log: share of the error ahead
+EXCLUDED = 0.25        # of k1, 2 dB: an error of it that a stranger's log excludes if it is called consistent
 LEVEL = 2.0            # of a stranger's log: noise level over the declared
 TURNING_SHARES = (0.2, 0.45, 0.7)   # of the log, by which the input is shifted
 PLACEBO = 2.0          # times by which the input's own time must win over a shifted one
@@ -34,6 +35,8 @@ def adequacy(m: Model, fit: Fit) -> tuple[list[str], str | None]:
     signals = {"the rate": motion[:, 1], "the rate's sign": np.sign(motion[:, 1]), "the attitude": motion[:, 0],
                "the attitude's square": (motion[:, 0] - motion[:, 0].mean())**2,
                "the input": sent, "the input's square": (sent - sent.mean())**2, "time": m.log.tau}
+    if not m.log.is_flown:
+        del signals["time"]     # a slow drift of a sensor or of a moment is no number's, and others' logs have one
     words, place = [], None
     for ch, name in enumerate(("theta", "theta_dot", "beta")):
         mine = m.log.channel == ch
@@ -117,14 +120,30 @@ def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
     return out
 
 
-def clear(m: Model, el: Elimination, listed: list[Kept]) -> list[Kept]:
+def untested(m: Model, el: Elimination) -> list[str]:
+    """Return that a stranger's log leaves room for a wrong k1: with its band open, it may be off by EXCLUDED."""
+    if m.log.is_flown or "k1" not in m.table:
+        return []
+    j = m.table.index("k1")
+    free = tuple(sorted({*el.final.free, j}))
+    fit = gauss_newton(m, el.final.p, free, el.final.band - {j}, 2)
+    off, std = fit.p[j] - m.table.null[j], deviations(m, fit, el.unit)[j]
+    if abs(off) + Z * std < EXCLUDED:
+        return []
+    return [f"k1 is not tested: this log gives {with_std(float(fit.p[j]), float(std))} times the nominal's"]
+
+
+def clear(m: Model, el: Elimination, listed: list[Kept], gain: Gain) -> tuple[list[Kept], list[str]]:
     """Return the groups, of a log that the nominal's own simulation did not fly, that save most of what everything
-    saves; all that are listed if one alone was kept.  Small motions that no model has make small numbers significant.
+    saves, and words on the others; all that are listed if one alone was kept; none if the nominal predicts as well
+    ahead.  Small motions that no model has make small numbers significant.
 
     Where nothing shows what the input does on its way, a delay and a wash-out are judged together, as the larger.
     """
+    if listed and gain.against_nominal > AHEAD:
+        return [], ["the nominal predicts as well ahead without what the errors of a row seem to need"]
     if len(el.kept) < 2:
-        return listed
+        return listed, []
     path = [k for k in listed if m.log.is_blind and k.group.name in ("delay", "washout")]
     shares = {k.group.name: k.share for k in listed}
     if len(path) > 1:
@@ -136,7 +155,9 @@ def clear(m: Model, el: Elimination, listed: list[Kept]) -> list[Kept]:
         shares |= {k.group.name: 0.0 for k in path}
         shares[largest.group.name] = compare(m, without, el.e_final, el.unit)[0] / el.removable
     products = [k for k in listed if k.group.kind in PRODUCTS]   # several are the shape of what is in no list
-    return [k for k in listed if shares[k.group.name] > MOST and not (k in products and len(products) > 1)]
+    most = [k for k in listed if shares[k.group.name] > MOST and not (k in products and len(products) > 1)]
+    return most, [f"{k.group.kind} saves {100 * k.share:.0f} % beside: it may be what the model does not have"
+                  for k in listed if k not in most]
 
 
 def acts(m: Model, el: Elimination) -> bool:

@@ -38,6 +38,9 @@ AT_END = 0.01          # of an end of a shape's range, within which it stands at
 RIVAL_MARGIN = 0.02    # of what a cause saves, within which another in its place does as well
 SAME_EFFECT = ((("null_angle", "nozzle_bias"), "misalignment"),)   # two, of opposite signs, do what one does
 SAME_LAW = {"washout": "damping", "damping": "washout"}   # of a vehicle without stiffness, at the same value [1/s]
+FAMILY = {"damping": ("theta_dot", -1.0), "term theta_dot": ("theta_dot", 1.0),   # number: term and sign of it
+          "friction": ("sign(theta_dot)", -1.0), "term sign(theta_dot)": ("sign(theta_dot)", 1.0)}
+FORMS = {"theta_dot": "aero_damping", "sign(theta_dot)": "friction"}   # causes of its terms
 ALIKE_Z = 1.0          # standard errors within which another number does as well
 TWIN_Z = 2.0           # the same of one that correlates beyond TWIN
 TWIN = 0.9             # correlation in the full fit
@@ -302,7 +305,9 @@ class Search:
                 alike = []
                 for other in self.groups:
                     is_same = SAME_LAW.get(g.name) == other.name and not m.log.has_stiffness
-                    if other is g or other in live or (self.related(g, other) < RELATED_CORRELATION and not is_same):
+                    is_form = not m.log.is_flown and g.name in FAMILY and other.name in FAMILY
+                    if other is g or other in live or (self.related(g, other) < RELATED_CORRELATION
+                                                       and not is_same and not is_form):
                         continue
                     again = self.with_other(rest, other, fit.p[list(g.numbers)] if is_same else None)
                     ei = left_out(m, again)
@@ -311,8 +316,9 @@ class Search:
                     is_common |= not g.is_listed and other.is_listed and gi < max(ALIKE_Z * si, RIVAL_MARGIN * gain)
                     if (gi < -si or is_common) and swap is None and other.kind not in SHAPES_OF_NUMBERS:
                         swap = (again, [each for each in live if each is not g] + [other], ei)
-                    if gi < (TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z) * si or gi < RIVAL_MARGIN * gain:
-                        alike.append(other.cause)
+                    z = Z if is_form else TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z
+                    if gi < z * si or gi < RIVAL_MARGIN * gain:
+                        alike.append(FORMS[FAMILY[other.name][0]] if is_form else other.cause)
                 kept.append(Kept(g, gain, error, gain / removable, tuple(alike), rest.p, std))
             if swap is None or turn == 2:
                 break

@@ -41,6 +41,12 @@ class Gain(NamedTuple):
         return float(np.mean(left)) if left else 0.0
 
     @property
+    def against_nominal(self) -> float:
+        """The extended model's squared error over the nominal's; mean over horizons, attitude and rate."""
+        ratios = [after / before for before, after, _, _ in self._of_motion() if before > 0.0]
+        return float(np.mean(ratios)) if ratios else 1.0
+
+    @property
     def floor(self) -> float:
         """The full model's squared error over the extended one's; mean over horizons, attitude and rate."""
         ratios = [full / after for _, after, full, _ in self._of_motion() if after > 0.0]

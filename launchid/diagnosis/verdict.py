@@ -19,7 +19,8 @@ from ..log.log import Log, flown_log
 from ..log.vehicle import plant_faults
 from ..sums import square
 from .adapter import FEWEST_ROWS, Reading, read
-from .adequacy import acts, adequacy, clear, is_rest, other_shape, strangers
+from .adequacy import acts, adequacy, clear, is_rest, other_shape, strangers, untested
+from .dissipation import within
 from .elimination import MIN_SQUARES_SAVED, MOST, NAME_SHARE, Elimination, Kept, Search
 from .gain import Gain, held_out
 from .model import Model, Stopped
@@ -172,9 +173,10 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     inadequate, misfit = adequacy(m, el.final)
     controller = reading.controller
     others = {k.group.name: why for k in el.kept if (why := other_shape(m, el, k))}
-    listed = [k for k in el.kept if k.group.cause and k.group.name not in others]
-    unlisted = [k for k in el.kept if k not in listed]
-    notes = tuple(noted(m, el))
+    kept, note = within(m, el)
+    listed = [k for k in kept if k.group.cause and k.group.name not in others]
+    unlisted = [k for k in kept if k not in listed]
+    notes = (*noted(m, el), *note)
     words = []
     for k in tuple(listed):
         if why := no_cause(m, el, k, controller):
@@ -186,9 +188,8 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
         listed, resembled = [], tuple(k for k in listed if k not in of_input)
         words.append("the input of another time explains as much as the log's own: nothing is said of it")
     elif not m.log.is_flown:
-        listed = clear(m, el, listed)
-        words += [f"{k.group.kind} saves {100 * k.share:.0f} % beside: it may be what the model does not have"
-                  for k in resembled if k not in listed]
+        listed, more = clear(m, el, listed, gain)
+        words += more
     modes = [k.group.kind for k in listed if k.group.kind in MODES]
     if m.air.weather and modes:
         words.append(f"what a {modes[0]} leaves is like {m.air.weather}: it is neither")
@@ -209,7 +210,9 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     def result(verdict: str, where: str | None, **more: Any) -> Result:
         return Result(reading, nominal, m, el, verdict, where, notes=notes, gain=gain, **more)
 
-    if not (names or against or el.kept):
+    if not (names or against or kept):
+        against = untested(m, el)
+    if not (names or against or kept):
         return result("consistent", None)
     is_odd = sum(k.gain for k in unlisted) > (1.0 - UNKNOWN_LEFT) * sum(k.gain for k in listed)
     short = 2.0 * nats < MOST * el.removable
