@@ -27,8 +27,8 @@ def strangers():
 
 @pytest.mark.parametrize(("kind", "wrong", "seed"), [
     ("drone", "late", 9002), ("drone", "damping", 9003), ("bench", "", 9015), ("pendulum", "sine", 9044),
-    ("pendulum", "friction", 9042), ("robot", "k1", 9031), ("robot", "", 9035), ("stand", "", 9054), ("stand", "friction", 9062),
-    ("stand", "own damping", 9058)])
+    ("pendulum", "friction", 9042), ("robot", "k1", 9031), ("robot", "", 9035), ("stand", "", 9054),
+    ("stand", "friction", 9062), ("stand", "own damping", 9058)])
 def test_the_one_thing_that_is_wrong_is_named_and_nothing_else(strangers, kind, wrong, seed):
     answer = report(diagnose(*strangers.made(kind, wrong, seed)))
     assert strangers.outcome(kind, wrong, answer) == "right", (answer["verdict"], answer["causes"], answer["doubts"])
