@@ -21,6 +21,7 @@ import numpy as np
 
 from ..algebra.linsolve import U, absorb_rows, measure
 from ..kernels import inner, kernel
+from ..model import N_NOISES
 from . import servo as sv
 from . import states as sx
 
@@ -359,8 +360,11 @@ def add_bending_noise(belief, fil, work, k1, variance, missed, p):
 
 @inner
 def add_doubt(belief, fil, work):
-    """Add to P the doubt of each frequency that is not known within LINEAR, as process noise of its mode."""
+    """Add to P the doubt of each frequency that is not known within LINEAR, as process noise of its mode; not in wind,
+    which makes room itself: the mode would take the wind, and the gains be wrong for both."""
     size, p, modes = belief.size, fil.p, fil.modes
+    if size.levels > N_NOISES:
+        return
     for j in range(size.numbers):
         if belief.number[j] != BY_FREQUENCY:
             continue
@@ -488,12 +492,25 @@ def widen_mode_check(block):
 
 
 @inner
+def number_variance(belief, modes, j):
+    """Return the variance of number j: of a size with what the doubt of its mode's frequency makes of it, for the
+    filter has that of the size at the frequency believed."""
+    variance, away = modes.covariance[2 + j, 2 + j], 0.0
+    if belief.number[j] == BY_SIZE:
+        for k in range(belief.size.numbers):
+            if belief.mode_of[k] == belief.mode_of[j] and belief.number[k] == BY_FREQUENCY:
+                away = CURVED * math.sqrt(modes.covariance[2 + k, 2 + k]) * belief.number_sigma[k]
+        away = min(away / belief.number_sigma[j], 1.0)
+    return min(variance + away * away, max(variance, 1.0))
+
+
+@inner
 def is_proven(belief, modes, i):
     """Whether mode i is there beyond doubt, so that its frequency means something: its size is known, or PROVEN."""
     for j in range(belief.size.numbers):
         if belief.mode_of[j] == i and belief.number[j] == BY_SIZE:
             sigma = belief.number_sigma[j]
-            return 1.0 + sigma * modes.mean[2 + j] > PROVEN * sigma * math.sqrt(modes.covariance[2 + j, 2 + j])
+            return 1.0 + sigma * modes.mean[2 + j] > PROVEN * sigma * math.sqrt(number_variance(belief, modes, j))
     return True
 
 
