@@ -214,7 +214,8 @@ def lack_words(lack: Lack, library: str) -> str:
                 "by two clocks, which no shift mends")
     if lack.what == "delay":
         late = "later" if lack.size > 0.0 else "sooner"
-        return f"beta acts {abs(1e3 * lack.size):.3g} ms {late} than it is logged ({lack.shares}): shift it by that"
+        return (f"beta acts {abs(1e3 * lack.size):.3g} ms {late} than it is logged ({lack.shares}): shift it by that, "
+                "or let `launchid nominal` fit it")
     if lack.what == "beta_ddot":
         return (f"the acceleration of beta acts too, with the coefficient {lack.size:.3g} ({lack.shares}): no library "
                 "has that term, the cause nozzle_inertia of `launchid diagnose` has")
