@@ -590,7 +590,7 @@ def test_the_page_in_a_browser(folder, nominal, identified, tmp_path, monkeypatc
     assert text["link"].startswith("ended")
     assert text["k1"] == with_std(last["k1"], last["k1_std"]).replace("+-", "\u00b1").replace("-", "\u2212")
     assert text["time"] == "11.99 s" and text["status"] == identified["windows"][-1]["status"]
-    assert "k1 is out of its range" in text["notes"]
+    assert "Sudden change: k1" in text["notes"]
     assert re.search(r"<td>k1</td>", page), "the change stands in the table"
     titles = re.findall(r'class="u-title">(.*?)</div>', page)
     assert [title.split(" [")[0] for title in titles if "level" not in title] == \
