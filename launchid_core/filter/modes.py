@@ -360,13 +360,14 @@ def add_bending_noise(belief, fil, work, k1, variance, missed, p):
 
 @inner
 def add_doubt(belief, fil, work):
-    """Add to P the doubt of each frequency that is not known within LINEAR, as process noise of its mode; not in wind,
-    which makes room itself: the mode would take the wind, and the gains be wrong for both."""
+    """Add to P the doubt of each frequency that is not known within LINEAR, as process noise of its mode.
+
+    Not of slosh in wind, which makes room itself: the slosh would take the wind, and the gains be wrong for both.
+    """
     size, p, modes = belief.size, fil.p, fil.modes
-    if size.levels > N_NOISES:
-        return
+    is_windy = size.levels > N_NOISES
     for j in range(size.numbers):
-        if belief.number[j] != BY_FREQUENCY:
+        if belief.number[j] != BY_FREQUENCY or (is_windy and belief.mode_of[j] < size.sloshes):
             continue
         known = LINEAR / belief.number_sigma[j]
         doubt = modes.covariance[2 + j, 2 + j] - known * known
