@@ -314,7 +314,7 @@ class Search:
                     gi, si = compare(m, ei, e_end, self.unit)
                     is_common = g.kind in RARE and other.kind not in RARE and not other.is_event and gi < ALIKE_Z * si
                     is_alike = gi < max(ALIKE_Z * si, RIVAL_MARGIN * gain)
-                    is_common |= is_alike and (other.is_listed and not g.is_listed or is_same and g.kind in RARE)
+                    is_common |= is_alike and ((other.is_listed and not g.is_listed) or (is_same and g.kind in RARE))
                     if (gi < -si or is_common) and swap is None and other.kind not in SHAPES_OF_NUMBERS:
                         swap = (again, [each for each in live if each is not g] + [other], ei)
                     z = Z if is_form else TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z
