@@ -165,7 +165,8 @@ def shell(line: str, folder: Path) -> int:
             (folder / name).symlink_to(ROOT / name)
     env = os.environ | {"PATH": f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
     with (folder / "stderr").open("w", encoding="utf-8") as said, \
-            subprocess.Popen(["bash", "-c", line], cwd=folder, env=env, stdout=subprocess.DEVNULL, stderr=said,
+            (folder / "printed").open("a", encoding="utf-8") as printed, \
+            subprocess.Popen(["bash", "-c", line], cwd=folder, env=env, stdout=printed, stderr=said,
                              start_new_session=True) as process:
         endless = line.startswith(ENDLESS) and "--once" not in line
         try:
@@ -191,3 +192,30 @@ def is_benchmark(line: str) -> bool:
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.name)
 def test_every_command_of_a_page_runs_as_written(page, tmp_path):
     assert fails([line for line in prepared(page, tmp_path) if not is_benchmark(line)], tmp_path) == []
+
+
+def numbers_and_words(line: str) -> tuple[str, list[float]]:
+    """A line with # for each number, and the numbers."""
+    number = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?")
+    return " ".join(number.sub("#", line).split()), [float(x) for x in number.findall(line)]
+
+
+def is_printed(line: str, printed: list[tuple[str, list[float]]]) -> bool:
+    """Whether a line was printed, with numbers that differ by a tenth at most."""
+    words, numbers = numbers_and_words(line)
+    return any(words == there and all(abs(x - y) <= 0.1 * abs(x) + 0.01 for x, y in zip(numbers, of, strict=True))
+               for there, of in printed)
+
+
+@pytest.mark.campaign
+def test_the_start_page_shows_what_its_commands_print(tmp_path):
+    """Its commands run as written, and print the lines that the page shows (`...`: some are left out)."""
+    page, said = ROOT / "docs" / "start.md", list[str]()
+    for line in prepared(page, tmp_path):
+        assert shell(line, tmp_path) == 0, line
+        said += (tmp_path / "stderr").read_text(encoding="utf-8").splitlines()
+    said += (tmp_path / "printed").read_text(encoding="utf-8").splitlines()
+    printed = [numbers_and_words(line) for line in said]
+    shown = [line for kind, block in BLOCK.findall(page.read_text(encoding="utf-8")) if not kind
+             for line in block.splitlines() if line != "..." and not block.startswith("time_ms")]
+    assert len(shown) > 10 and [line for line in shown if not is_printed(line, printed)] == []
