@@ -9,6 +9,9 @@ import numpy as np
 
 from .status import EstimateStatus
 
+EMPTY = np.zeros((0, 0))
+EMPTY.setflags(write=False)
+
 
 class Tracked(NamedTuple):
     """The tracked estimate at a window's end, or at the last sample where `estimate` is asked later: all data so far,
@@ -125,6 +128,9 @@ class Estimate:
     actuator_corr        correlations of natural_frequency with damping_ratio and with delay, of damping_ratio with
                          delay; empty where actuator is None
     modes                slosh and bending of the model at t_end, in its order
+    modes_covariance     (2 + 2 m, 2 + 2 m) of a6, k1 and of frequency and size of each of m modes, as the modes' filter
+                         has them at t_end; what is known has 0; empty without modes, NaN while the model is
+                         contradicted; read-only
     whiteness            p-value of the innovations until t_end, were the model true (formulation `filtered`), else NaN
     absent               95 % limit of each term of theta_ddot that is not active, in its own unit; inf: not told
                          from the active ones; read-only
@@ -157,6 +163,7 @@ class Estimate:
     actuator: Mapping[str, Offset] | None = None
     actuator_corr: tuple[float, ...] = ()
     modes: tuple[Mode, ...] = ()
+    modes_covariance: np.ndarray = field(default_factory=lambda: EMPTY)
     whiteness: float = math.nan
     absent: Mapping[str, float] = field(default_factory=dict)
     terms_std: Mapping[str, float] = field(default_factory=dict)

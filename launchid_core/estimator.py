@@ -9,10 +9,11 @@ import numpy as np
 
 from . import checkpoint
 from .config import Config
-from .estimate import Change, Estimate, Level, Mode, Offset, Tracked, Uncertainty
+from .estimate import EMPTY, Change, Estimate, Level, Mode, Offset, Tracked, Uncertainty
+from .filter.modes import BY_DAMPING
 from .filter.states import A6
 from .gate import ring as rb
-from .model import MODE_KINDS, OFFSETS, SERVO, Model
+from .model import MODE_KINDS, MODE_NUMBERS, OFFSETS, SERVO, Model
 from .order.entries import calls_of, loop_of, table_of
 from .order.memory import allocate
 from .sample import NAN, Sample
@@ -154,7 +155,8 @@ class Estimator:
         if report is not None and model is not None:
             more = {"tracked": Tracked(bool(report.is_tracked), *_numbers(np.array(report.tracked))),
                     "uncertainty": _uncertainty(report) if self._memory.size.ranged else None,
-                    **_air(report, model), **_actuator(report, model), "modes": _modes(report, model)}
+                    **_air(report, model), **_actuator(report, model), "modes": _modes(report, model),
+                    "modes_covariance": _modes_covariance(self._parts, model, t_start + self.config.window)}
         return Estimate(
             t_start, t_start + self.config.window, status == _OK, status, float(outcome.a6), float(outcome.k1),
             float(outcome.a6_std), float(outcome.k1_std), float(outcome.correlation), float(outcome.a6_dot),
@@ -245,6 +247,28 @@ def _modes(report: Any, model: Model) -> tuple[Mode, ...]:
         counts[mode.kind] += 1
         made.append(Mode(f"{mode.kind}{counts[mode.kind]}", *_numbers(row)))
     return tuple(made)
+
+
+def _modes_covariance(parts: Any, model: Model, t: float) -> np.ndarray:
+    """Covariance of a6, k1 and the modes' numbers at t [s], as `Estimate.modes_covariance`."""
+    size, belief, modes = parts.fixed.belief.size, parts.fixed.belief, parts.state.filter.modes
+    count = 2 + 2 * len(model.modes)
+    covariance = np.zeros((count, count)) if model.modes else EMPTY
+    if not size.numbers:
+        return covariance
+    given, kept = [0, 1], [0, 1]  # places in the filter's covariance, and in this one
+    scale = [float(np.interp(t, model.profile_t, x)) for x in (model.profile_a6, model.profile_k1)]
+    for j, (what, i) in enumerate(zip(belief.number.tolist(), belief.mode_of.tolist(), strict=True)):
+        if what != BY_DAMPING:
+            mode = model.modes[i]
+            given.append(2 + j)
+            kept.append(2 + 2 * i + what)
+            scale.append(float(belief.number_sigma[j] * np.interp(t, mode.t, getattr(mode, MODE_NUMBERS[what]))))
+    covariance[np.ix_(kept, kept)] = np.array(modes.covariance)[np.ix_(given, given)] * np.outer(scale, scale)
+    if parts.state.check.raised == 1:
+        covariance[:] = math.nan
+    covariance.setflags(write=False)
+    return covariance
 
 
 def _uncertainty(report: Any) -> Uncertainty:

@@ -50,6 +50,7 @@ class Airframe(NamedTuple):
     gain: float = 1.0
     modes: tuple[Mode, ...] = ()
     modes_std: tuple[float, ...] = ()   # of frequency [rad/s] and size of each mode
+    modes_shared: np.ndarray | None = None   # `Estimate.modes_covariance`
     slopes: tuple[float, float] = (0.0, 0.0)   # of a6, k1 [1/s^2] in the damping [1/s]
     further: Further = NOTHING_FURTHER
 
@@ -187,12 +188,13 @@ def with_unknown_servo(nominal: Nominal) -> Nominal:
     return replace(nominal, actuator=replace(servo, **given))
 
 
-def airframe_of(nominal: Nominal, t: float = 0.0, seen: Sequence[Any] = (),
-                told: Damping | None = None) -> Airframe:
+def airframe_of(nominal: Nominal, t: float = 0.0, seen: Sequence[Any] = (), told: Damping | None = None,
+                shared: np.ndarray | None = None) -> Airframe:
     """Return what a nominal's modes and effects add to the loop frozen at t [s].
 
-    seen  the modes as an estimate has them (`Estimate.modes`), in place of the nominal's numbers
-    told  how well the damping is known, None: it is the nominal's
+    seen    the modes as an estimate has them (`Estimate.modes`), in place of the nominal's numbers
+    told    how well the damping is known, None: it is the nominal's
+    shared  `Estimate.modes_covariance`, None: the modes' numbers have nothing in common with a6 and k1
     """
     damping, gain = 0.0, 1.0
     modes, std = modes_at(nominal, t)
@@ -233,7 +235,7 @@ def airframe_of(nominal: Nominal, t: float = 0.0, seen: Sequence[Any] = (),
     if nominal.actuator is not None:
         further = further._replace(command_lag=servo_of(nominal, nominal.actuator)["command_lag"])
     damping_std, moved = (0.0, (0.0, 0.0)) if told is None else (told.used[1], told.slopes_at(t))
-    return Airframe(damping, damping_std, gain, tuple(modes), tuple(std), moved, further)
+    return Airframe(damping, damping_std, gain, tuple(modes), tuple(std), shared, moved, further)
 
 
 def slopes_of(term: str, coefficient: float) -> tuple[float, float, float]:

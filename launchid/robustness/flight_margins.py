@@ -32,6 +32,7 @@ from .margin_spread import MARGIN_NAMES, MARGINS, RIGID, Known, Spread, joined, 
 # of what has margins or has none; else the estimator's own status
 OK_MARK, CHANGE_MARK, UNKNOWN_MARK = "OK", "CHANGE", "UNKNOWN"
 CHANGE_SETTLED = 2.0  # s after a sudden change, when its size is final
+MOST_SHARED = 0.99     # of a variance of a6 and k1, by what they share with the modes' numbers
 NO_MARGIN = {"value": None, "std": None, "low": None, "high": None}
 Servo = fl.Servo
 
@@ -100,10 +101,12 @@ def flight_margins(estimates: Sequence[Estimate], changes: Sequence[Change], flo
         else:
             servo = servos[k] if flown.servo is None else flown.servo
             middle, seen = 0.5 * (e.t_start + e.t_end), getattr(e, "modes", ())
-            of_window = _of_window(e, changes, servo, controller, airframe_of(nominal, middle, seen, damping))
+            shared = getattr(e, "modes_covariance", None)
+            of_window = _of_window(e, changes, servo, controller, airframe_of(nominal, middle, seen, damping, shared))
             of_tracked = Judged(UNKNOWN_MARK)
             if is_tracked:
-                of_tracked = _of_tracked(e, changes, servo, controller, airframe_of(nominal, e.t_end, seen, damping))
+                of_tracked = _of_tracked(e, changes, servo, controller,
+                                         airframe_of(nominal, e.t_end, seen, damping, shared))
         windows.append(WindowMargins(e.t_start, e.t_end, of_window, of_tracked))
     return windows
 
@@ -150,10 +153,33 @@ def margins_of(rigid: Sequence[float], servo: Servo, controller: fl.Judged, airf
         covariance[:2, 5] = covariance[5, :2] = moved * airframe.damping_std
         mean[6:] = [float(x) for mode in modes for x in (mode.frequency, mode.size)]
         covariance[6:, 6:] = np.diag(np.square(airframe.modes_std))
+        if airframe.modes_shared is not None and airframe.modes_shared.size:
+            share_modes(covariance, airframe.modes_shared)
     controller = _following(controller, airframe)
     known = [_with_law(mean, covariance, count, servo, each, airframe) for each in controller.each]
     spread = joined([margin_spread(one, each.law) for one, each in zip(known, controller.each, strict=True)])
     return Judged(OK_MARK, known[0], spread, controller)
+
+
+def share_modes(covariance: np.ndarray, shared: np.ndarray) -> None:
+    """Fill in what the modes' numbers have in common with a6 and k1 and with each other.
+
+    covariance (6 + 2 m, 6 + 2 m) inout  of a window, or tracked: with deviations of the modes' numbers as reported
+    shared     (2 + 2 m, 2 + 2 m)  of the modes' filter. What a reported number, or a6 and k1, doubt beyond it is theirs
+    alone: the errors of a least-squares fit share with those of its nuisance, as the filter tracks it, the slope in
+    the nuisance times its variance.
+    """
+    own, said = np.sqrt(np.diag(shared)[2:]), np.sqrt(np.diag(covariance)[6:])
+    scale = np.where(own > 0.0, own, 1.0)
+    correlation = shared[2:, 2:] / np.outer(scale, scale)
+    np.fill_diagonal(correlation, 1.0)
+    among, cross = correlation * np.outer(said, said), shared[:2, 2:] * (np.minimum(said, own) / scale)
+    is_open = said > 0.0
+    common = cross[:, is_open] @ np.linalg.solve(among[np.ix_(is_open, is_open)], cross[:, is_open].T)
+    share = float(np.max(np.linalg.eigvals(np.linalg.solve(covariance[:2, :2], common)).real, initial=0.0))
+    covariance[:2, 6:] = cross * math.sqrt(min(MOST_SHARED / share, 1.0)) if share > 0.0 else cross
+    covariance[6:, :2] = covariance[:2, 6:].T
+    covariance[6:, 6:] = among
 
 
 def _with_law(mean: np.ndarray, covariance: np.ndarray, count: int, servo: Servo, controller: fl.Judged,

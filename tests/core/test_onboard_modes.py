@@ -136,7 +136,28 @@ def test_in_json_a_mode_has_its_numbers_by_name():
     assert said["bending1"]["gain"] == 0.02 and said["bending1"]["gain_std"] == 0.0
 
 
+def test_what_the_modes_share_with_a6_and_k1_is_told():
+    """A larger k1 in size makes more of the rate of the same nozzle, as a larger gain does."""
+    nominal = with_modes(10.0, bending=(dataclasses.replace(BENDING, **UNKNOWN, gain_sigma=0.5),))
+    for seed in (100, 101, 102):
+        e = estimates(flown(nominal, seed), nominal)[-1]
+        (mode,), covariance = e.modes, e.modes_covariance
+        assert covariance.shape == (4, 4) and not covariance.flags.writeable
+        assert np.linalg.eigvalsh(covariance).min() > 0.0
+        assert covariance[2, 2] == pytest.approx(mode.frequency_std**2)
+        assert 0.0 < covariance[3, 3] <= mode.size_std**2 * (1.0 + 1e-9)   # and what the frequency's doubt makes of it
+        std = np.sqrt(np.diag(covariance))
+        assert 0.05 < covariance[1, 3] / (std[1] * std[3]) < 0.4
+
+
 # ---- degenerate cases
+
+
+def test_known_modes_share_nothing():
+    nominal = with_modes(10.0, slosh=(SLOSH,), bending=(BENDING,))
+    e = estimates(flown(nominal, 5), nominal)[-1]
+    assert e.modes_covariance.shape == (6, 6) and not e.modes_covariance[2:].any()
+    assert estimates(flown(with_modes(10.0), 5), with_modes(10.0))[-1].modes_covariance.shape == (0, 0)
 
 
 def test_a_gap_begins_a_mode_anew():

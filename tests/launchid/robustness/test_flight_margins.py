@@ -212,6 +212,30 @@ def test_margins_of_a_flight_are_the_frozen_truths(made):
                 assert abs(interval.value - truth[k]) <= most * half
 
 
+def test_a_windows_a6_and_k1_share_with_a_tracked_mode_what_least_squares_says():
+    """A window's rows tell (a6, k1, d), other rows d alone, and a6 and k1 are solved for without those: then the errors
+    of a6, k1 and of d from all rows share what the estimate of all rows has."""
+    random = np.random.default_rng(3)
+    rows = random.standard_normal((12, 4))
+    window = rows.T @ rows
+    others = np.diag([0.0, 0.0, *random.uniform(5.0, 20.0, 2)])
+    gain_window, gain_all = np.linalg.inv(window), np.linalg.inv(window + others)
+    # errors are gain times score: that of the window is in both
+    exact = (gain_window @ window @ gain_all)[:2, 2:]
+    covariance = np.zeros((8, 8))
+    covariance[:2, :2], covariance[6:, 6:] = gain_window[:2, :2], np.diag(np.diag(gain_all)[2:])
+    fm.share_modes(covariance, gain_all)
+    assert np.allclose(covariance[:2, 6:], exact) and np.allclose(covariance[6:, 6:], gain_all[2:, 2:])
+    assert np.allclose(covariance, covariance.T)
+
+
+def test_what_is_shared_is_never_more_than_there_is():
+    covariance, shared = np.diag([1.0, 1.0, 0, 0, 0, 0, 4.0, 0.0]), np.diag([9.0, 9.0, 4.0, 0.0])
+    shared[1, 2] = shared[2, 1] = 5.9
+    fm.share_modes(covariance, shared)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12 and covariance[1, 6] > 1.9 and not covariance[7].any()
+
+
 def test_a_window_of_a_sudden_change_has_no_margins(made):
     statuses = {window["t_start"]: window["status"] for window in made.report["windows"]}
     assert statuses[30.0] == fm.CHANGE_MARK and statuses[25.0] == statuses[35.0] == "OK"
