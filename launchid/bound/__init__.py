@@ -5,7 +5,8 @@ over the window, the vehicle's state at its start (diffuse), and what [wind] and
 [offsets] leave open: the wind's walk and turbulence, misalignment, moment and
 sensor offsets, at the window's start no better known than before the flight.
 Of the actuator, the numbers with a sigma in [actuator] are unknown too: natural
-frequency, damping ratio, delay.
+frequency, damping ratio, delay.  Slosh and bending are two more states each, at the
+window's start unknown; of their numbers those with a sigma.
 Known: the command, the rest of the actuator, the flight path, and the levels of the noises
 (sensor noise as measurement noise; command noise and unmodelled acceleration as
 process noise, held over a sample), of wind and of offsets.
@@ -32,6 +33,7 @@ default it is the law of the acceleration a6 w that is known, at the true a6.
 Limitation: in calm air the information in the innovations' covariance is left out; on
 these vehicles it is below 0.1 %.
 
-Files: `world` (states of wind, offsets, flight path), `step` (transition and noise of a step), `information` (filter,
-sensitivities, Fisher information, bounds from it), `flights` (bounds of a nominal's flights).
+Files: `world` (states of wind, offsets, flight path), `modes` (slosh, bending), `step` (transition and noise of a
+step), `information` (filter, sensitivities, Fisher information, bounds from it), `flights` (bounds of a nominal's
+flights).
 """

@@ -8,8 +8,17 @@ from sim.flight import Flight, fly_whole
 from sim.nominal import Nominal
 from sim.plant import Factor, parameters
 
-from .information import N_UNKNOWN, WITH_SERVO, Bound, bounds_of, window_information, with_prior, without_offset
-from .step import FIRST_ORDER
+from .information import (
+    N_SERVO,
+    N_UNKNOWN,
+    Bound,
+    bounds_of,
+    window_information,
+    with_prior,
+    without_offset,
+)
+from .modes import modes_of
+from .step import FIRST_ORDER, N_STATES
 from .world import world_of
 
 
@@ -60,7 +69,7 @@ def flight_information(nominal: Nominal, window: float, seed: int = 0, period: f
                        a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, *, path_known: bool = True,
                        levels_known: bool = False) -> np.ndarray:
     """Fly once (`flight` sensors); return Fisher information (w, 2, 2) about relative a6 and k1 in each of w windows;
-    larger where [actuator] has sigmas, see `with_prior`.
+    larger where [actuator] or modes have sigmas: the servo's unknowns follow, then the modes'.
 
     nominal  vehicle, noises and air;  window [s];  period [s] of the log, None: sensors.period
     a6_factor, k1_factor  true parameters over the nominal's
@@ -68,30 +77,46 @@ def flight_information(nominal: Nominal, window: float, seed: int = 0, period: f
     levels_known  the wind's levels are known, so the size of the vehicle's response tells of a6
     """
     flight = fly_whole(nominal, seed, "flight", period, a6_factor, k1_factor)
+    return information_of(nominal, flight, window, a6_factor, k1_factor, path_known=path_known,
+                          levels_known=levels_known)
+
+
+def information_of(nominal: Nominal, flight: Flight, window: float, a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, *,
+                   path_known: bool = True, levels_known: bool = False) -> np.ndarray:
+    """Return the information as `flight_information` of a flight that the nominal, its modes' numbers the true ones,
+    flew."""
     t = flight.t
     middle_a6, middle_k1 = parameters(nominal, t + 0.5 * flight.period, a6_factor, k1_factor)
     index = np.floor(t / window + 1e-9).astype(np.int64)
     windows = math.floor((t[-1] + 1.5 * flight.period) / window)
     index[index >= windows] = -1
     assert nominal.actuator is not None
-    unknowns = N_UNKNOWN if nominal.actuator.is_known else WITH_SERVO
+    is_known, modes = nominal.actuator.is_known, modes_of(nominal, t + 0.5 * flight.period)
+    count = len(modes.bends)
+    unknowns = N_UNKNOWN + 5 * count + N_SERVO * (not is_known)
     information = np.zeros((windows, unknowns, unknowns))
     command, newer, switch = switched(flight.beta_cmd, nominal.actuator.delay, flight.period)
-    if nominal.actuator.is_known:
+    if is_known:
         command = acting_command(nominal, flight)
     window_information(t, np.column_stack([flight.theta, flight.theta_dot, flight.beta]), command, middle_a6, middle_k1,
                        servo_of(nominal), noise_variances(nominal, flight.period), index, information, np.zeros(len(t)),
-                       world_of(nominal, flight, path_known=path_known, levels_known=levels_known), newer, switch)
-    left = without_offset(information)
-    return left if nominal.actuator.is_known else with_prior(left, servo_sigma(nominal))
+                       world_of(nominal, flight, path_known=path_known, levels_known=levels_known), newer, switch,
+                       modes=modes)
+    left = without_offset(information, N_STATES + 2 * count)
+    if is_known:
+        return with_prior(left, modes.sigma.ravel())
+    *shaped, delay = servo_sigma(nominal)
+    order = np.concatenate([np.arange(4), [4 + 3 * count], np.arange(4, 4 + 3 * count)])   # the delay to the servo's
+    return with_prior(left[:, order][:, :, order], np.concatenate([shaped, [delay], modes.sigma.ravel()]))
 
 
 def flight_bound(nominal: Nominal, window: float, seed: int = 0, period: float | None = None,
                  a6_factor: Factor = 1.0, k1_factor: Factor = 1.0, *, path_known: bool = True,
                  levels_known: bool = False) -> Bound:
     """Fly once; return the bound of a6 and k1 in every window of `window` [s]; arguments as `flight_information`."""
-    return bounds_of(flight_information(nominal, window, seed, period, a6_factor, k1_factor, path_known=path_known,
-                                        levels_known=levels_known), window)
+    information = flight_information(nominal, window, seed, period, a6_factor, k1_factor, path_known=path_known,
+                                     levels_known=levels_known)
+    return bounds_of(information, window, int(np.count_nonzero(modes_of(nominal, np.zeros(1)).sigma)))
 
 
 def known_state_information(nominal: Nominal, flight: Flight, onset: float, a6_factor: Factor = 1.0,

@@ -7,6 +7,7 @@ from hypothesis import strategies as hs
 
 from launchid.bound.flights import flight_bound
 from launchid.bound.information import bounds_of, without_offset
+from launchid.bound.modes import NO_MODES
 from launchid.bound.step import transition
 from sim.errors import InputError
 from sim.nominal import load_nominal
@@ -30,7 +31,7 @@ def system(a6: float, k1: float, frequency: float, damping: float) -> np.ndarray
 
 def computed(a6, k1, frequency, damping, h) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     f, slopes = np.full((6, 6), np.nan), np.full((2, 6, 6), np.nan)
-    transition(a6, k1, frequency, damping, h, f, slopes)
+    transition(np.array([a6, k1, frequency, damping]), NO_MODES.bends, h, f, slopes)
     return f, slopes[0], slopes[1]
 
 

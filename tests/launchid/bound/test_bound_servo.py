@@ -7,6 +7,7 @@ import pytest
 
 from launchid.bound.flights import flight_bound, switched
 from launchid.bound.information import DIFFUSE, WITH_SERVO, window_information, without_offset
+from launchid.bound.modes import NO_MODES
 from launchid.bound.step import FIRST_ORDER, transition
 from sim.errors import InputError
 from sim.nominal import Nominal, Offsets, Wind, load_nominal, nominal_lines
@@ -33,7 +34,7 @@ def generator(a6: float, k1: float, w: float, zeta: float) -> np.ndarray:
 def test_the_servos_derivatives_are_the_central_differences(damping, h):
     values = [2.0, -7.0, 35.0, damping]
     slopes = np.zeros((4, 6, 6))
-    transition(*values, h, np.zeros((6, 6)), slopes)
+    transition(np.array(values), NO_MODES.bends, h, np.zeros((6, 6)), slopes)
     for m, step in ((2, 1e-3), (3, 1e-5)):
         if m == 3 and damping == FIRST_ORDER:
             assert not slopes[3].any()
@@ -42,7 +43,7 @@ def test_the_servos_derivatives_are_the_central_differences(damping, h):
         for side in (1.0, -1.0):
             f, moved = np.zeros((6, 6)), list(values)
             moved[m] += side * step
-            transition(*moved, h, f, np.zeros((2, 6, 6)))
+            transition(np.array(moved), NO_MODES.bends, h, f, np.zeros((2, 6, 6)))
             ends.append(f)
         assert np.allclose(slopes[m], (ends[0] - ends[1]) / (2 * step), rtol=1e-5, atol=1e-8)
 

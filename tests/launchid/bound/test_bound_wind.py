@@ -8,6 +8,7 @@ import shortened
 
 from launchid.bound.flights import flight_bound, flight_information, known_state_information
 from launchid.bound.information import DIFFUSE, bounds_of, window_information, without_offset
+from launchid.bound.modes import NO_MODES
 from launchid.bound.step import fill, transition
 from launchid.bound.world import (
     ATTITUDE_BIAS_STATE,
@@ -248,7 +249,7 @@ def test_a_step_of_vehicle_air_and_flight_path_is_the_matrix_exponential():
         return linalg.expm(a * h)
 
     f, slopes = np.empty((6, 6)), np.empty((2, 6, 6))
-    transition(A6, K1, FREQUENCY, DAMPING, h, f, slopes)
+    transition(np.array([A6, K1, FREQUENCY, DAMPING]), NO_MODES.bends, h, f, slopes)
     full, moved = np.zeros((7, 7)), np.zeros((2, 7, 7))
     fill(world, f, slopes, np.array([A6, K1]), h, 0, full, moved, np.zeros((3, 7)))
     by_a6, by_k1 = moved
