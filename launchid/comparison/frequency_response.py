@@ -42,6 +42,7 @@ from sim.nominal import Nominal
 from sim.plant import packed, parameters
 
 from ..log.log import Log
+from ..series import filled
 from ..spectra import hann, segments
 
 WANTED_SEGMENTS = 8     # lengths of a segment that a log holds, at least
@@ -153,7 +154,7 @@ def transforms(log: Log, source: str, to: str, series: np.ndarray | None, order:
     there = np.asarray(np.isfinite(on_grid).all(axis=0))
     if not there.any():
         return None
-    on_grid = np.stack([np.interp(grid, grid[there], x[there]) for x in on_grid])
+    on_grid = np.stack([filled(x, grid, there) for x in on_grid])
     on_grid, there = np.diff(on_grid, n=order, axis=1), there[order:]
     starts = [k for k in range(0, len(there) - rows + 1, max(1, rows // 2))
               if np.mean(there[k:k + rows]) >= MEASURED_SHARE]

@@ -35,6 +35,7 @@ from ..likelihood.likelihood import LEVELS, Run, predict, run
 from ..log.detect import DataCheck
 from ..log.log import Log
 from ..log.record import CHANNELS, Record
+from ..series import filled
 
 HORIZONS = (0.1, 0.5, 1.0)   # s
 SPACING = 0.1    # s from one start to the next
@@ -136,9 +137,8 @@ def _commands(r: Record, start: np.ndarray, theta: np.ndarray) -> np.ndarray | N
         return None
     changes, tau = packed(r.nominal), law.derivative_time_constant
     kp, kd, lag = changes.kp_scale * law.kp, changes.kd_scale * law.kd, changes.computing_time / law.period
-    rows = np.arange(r.rows)
-    reference = np.interp(rows, rows[np.isfinite(r.reference)], r.reference[np.isfinite(r.reference)])
-    error = np.interp(rows, rows[known], (r.z[:, 0] - reference)[known])
+    reference = filled(r.reference)
+    error = filled(r.z[:, 0] - reference, known=known)
     begin = round(r.first_step / r.tick)
     test = excitation(r.nominal, begin + r.rows + theta.shape[1] + 1, law.period)[begin:]
     derivative = np.zeros(r.rows)   # of the attitude as measured, until the start

@@ -17,8 +17,9 @@ from sim.nominal import Nominal
 from ..log.detect import DataCheck
 from ..log.log import Log
 from ..log.record import Z_BETA, Z_THETA, Record, no_servo, on_grid
+from ..series import filled
 from .replay import LAW_PERIOD, constants_of, issued
-from .ticks import SLOWER, Ticks, between, carried, command_noise, falls_between, issued_at, lined, over_grid, ticks_of
+from .ticks import SLOWER, Ticks, between, carried, command_noise, falls_between, issued_at, over_grid, ticks_of
 
 LONGEST_HELD = 10  # rows of one command: over more nobody commands
 UNSURE = 0.03    # nats a row that a command may feign which no row saw (`measure`)
@@ -69,7 +70,7 @@ def _with_commands(draft: Record, command: np.ndarray, path: str) -> Record:
     lost = ~known if source == "beta" else ~known & ~np.isfinite(draft.z).any(axis=1)
     rows = np.arange(draft.rows)
     if lost.any():
-        command = np.where(lost, np.interp(rows, rows[known], command[known]), command)
+        command = np.where(lost, filled(command, known=known), command)
         known = known | lost
     issued = command[np.maximum.accumulate(np.where(known, rows, 0))]
     issued[~np.isfinite(issued)] = command[known][0]
@@ -129,7 +130,7 @@ def _answered(draft: Record) -> Record:
     answer to noise that no row saw is not among them."""
     own = ticks_of(draft, np.full(draft.rows, math.nan))
     if own is None:   # of a log as fast as the controller that of every row, linear over rows without an attitude
-        error, held, phase = lined(draft.z[:, Z_THETA]) - lined(draft.reference), draft.held, draft.held_phase
+        error, held, phase = filled(draft.z[:, Z_THETA]) - filled(draft.reference), draft.held, draft.held_phase
         first = (draft.first_step + phase * draft.every) // (draft.tick * held)
         commands = np.repeat(_answer(draft, error[phase::held], first), held)
         commands = np.concatenate([np.full(phase, commands[0]), commands])[:draft.rows]
@@ -183,7 +184,7 @@ def recomputed_at(ticks: Ticks, r: Record) -> np.ndarray:
     theta = np.interp(at, r.at, carried(r.z[:, Z_THETA])[0])
     rows, index = np.isin(r.at, at) & seen, np.isin(at, r.at[seen])
     theta[index] = r.z[rows, Z_THETA]
-    return _answer(r, theta - np.interp(at, r.at, lined(r.reference)),
+    return _answer(r, theta - np.interp(at, r.at, filled(r.reference)),
                    round((r.first_step + ticks.phase) / ticks.period))
 
 

@@ -1,8 +1,8 @@
 """Logs slower than their controller: check the controller, and fill in the commands between rows where they follow.
 
 Every logged command holds what the derivative's filter knew, so with the reference the errors that the log does not
-have follow from the commands that it has: the derivative's state is known at either end of a gap (`filled`).  The check
-takes them from what a model predicts.
+have follow from the commands that it has: the derivative's state is known at either end of a gap
+(`with_commands_between`).  The check takes them from what a model predicts.
 
 With alpha = tau/(tau + T) and m ticks a row the commands of two rows obey
 
@@ -24,6 +24,7 @@ from sim.flight import excitation
 from sim.plant import packed
 
 from ..log.record import Z_THETA, Z_THETA_DOT, Record
+from ..series import filled
 from ..sums import combined, least_squares, products
 from .check import COMMAND_ROUNDING, NO_MISMATCH, UNKNOWN_LAW, ControllerCheck
 from .command import in_doubt
@@ -72,8 +73,8 @@ def on_board(record: Record) -> OnBoard:
 def errors_seen(record: Record, attitude: np.ndarray) -> np.ndarray:
     """Return the errors (ticks,) [rad], attitude less reference: measured at rows, predicted (`attitude`) between."""
     m, n = record.every // record.tick, record.rows
-    known, measured = np.isfinite(record.reference), np.isfinite(record.z[:, Z_THETA])
-    reference = np.interp(np.arange(n * m) / m, np.arange(n)[known], record.reference[known])
+    measured = np.isfinite(record.z[:, Z_THETA])
+    reference = filled(record.reference, at=np.arange(n * m) / m)
     error = attitude - reference
     error[::m] = np.where(measured, record.z[:, Z_THETA], attitude[::m]) - reference[::m]
     return error
@@ -97,7 +98,7 @@ def _derivative(of: OnBoard, error: np.ndarray, before: np.ndarray, derivative: 
     return np.asarray((of.tau * derivative + error - before) / (of.tau + of.period))
 
 
-def filled(record: Record, attitude: np.ndarray, of: OnBoard) -> Record:
+def with_commands_between(record: Record, attitude: np.ndarray, of: OnBoard) -> Record:
     """Return the record with this controller's commands between its rows, late by whole rows.
 
     With one tick between rows the commands at either end fix its error exactly; with more they correct the predicted

@@ -17,7 +17,7 @@ from sim.effects import CATALOGUE
 from ..log.record import Z_BETA, Record
 from .check import NO_MISMATCH, UNKNOWN_LAW, ControllerCheck, check_controller
 from .command import unsure
-from .gaps import INTEGRAL, MISMATCH_NATS, Gaps, Seen, check_gaps, filled, follows, on_board
+from .gaps import INTEGRAL, MISMATCH_NATS, Gaps, Seen, check_gaps, follows, on_board, with_commands_between
 
 FILLINGS = 2           # passes over a slow log: the second has the first's commands to predict with
 
@@ -46,10 +46,10 @@ def with_commands(record: Record, follow: Callable[[Record], Seen | None]) -> tu
         told = own if checked is None else own._replace(
             kp=checked.kp_scale * own.kp, kd=checked.kd_scale * own.kd, tau=checked.time_constant or own.tau,
             late=own.late + round(checked.delay / own.period))
-        made = filled(made, seen.attitude, told)
+        made = with_commands_between(made, seen.attitude, told)
     if checked is not None and checked.kind != NO_MISMATCH:
         assert seen is not None
-        believed = filled(record, seen.attitude, own)
+        believed = with_commands_between(record, seen.attitude, own)
         if not _confirms(follow(made), follow(believed)):
             gaps = Gaps(record, seen)
             is_believed = gaps.is_noise(gaps.left(own.tau, ()).rest)

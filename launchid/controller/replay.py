@@ -24,6 +24,7 @@ from sim.sections import LAWS
 from sim.vehicle.controller import GYRO_LAW, RATE_LAW, filtered, limited, pseudo_derivative
 
 from ..log.log import Log
+from ..series import filled
 from ..sums import combined, least_squares, products, square
 
 MEMORY_LEFT = 1e-5    # of what the controller remembered: less is nothing
@@ -185,7 +186,7 @@ class Replay:
         known = np.isfinite(self.error)
         if len(self.rates) > 0:
             known = known & np.isfinite(self.rates)
-        error, rates = (np.interp(rows, rows[known], x[known]) if len(x) > 0 else x for x in (self.error, self.rates))
+        error, rates = (filled(x, known=known) if len(x) > 0 else x for x in (self.error, self.rates))
         parts = []
         for gain in gains_at:
             alone = constants.copy()

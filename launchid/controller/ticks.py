@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..log.record import Z_THETA, Record
+from ..series import MEDIAN_OF_NORMAL, filled
 from ..sums import combined, least_squares
 from .replay import KD, KP, LAW_PERIOD, LAW_TIME_CONSTANT, NEAR_LIMIT, constants_of
 
@@ -22,7 +23,6 @@ PHASES_TRIED = 60  # tried
 LAW_ROWS = 3      # rows of a linear law
 MIN_ROWS_A_LAW = 60  # rows that tell one
 OTHERS = 0.6      # of what the attitude's noise makes of a command: more is noise that the rows do not have
-NORMAL = 0.6745   # median of |x| of a normal one over its standard deviation
 LINE_ROWS = 3     # rows to either side that a line is drawn by
 JUMP_SIGMAS = 5.0  # standard deviations by which a value leaves the line of its neighbours
 AT_TICK = 1e-6    # of a period: a row so close before a tick sees its command
@@ -88,7 +88,7 @@ def falls_between(record: Record, command: np.ndarray) -> bool:
     if np.count_nonzero(whole) < MIN_ROWS_A_LAW:
         return False
     rest = wanted[whole] - combined(among[whole], least_squares(among[whole], wanted[whole]))
-    return float(np.median(np.abs(rest))) > NORMAL * OTHERS * command_noise(record)
+    return float(np.median(np.abs(rest))) > MEDIAN_OF_NORMAL * OTHERS * command_noise(record)
 
 
 def _told(at: np.ndarray, command: np.ndarray, period: float, limit: float) -> Ticks | None:
@@ -146,12 +146,6 @@ def over_grid(ticks: Ticks, record: Record, commands: np.ndarray) -> np.ndarray:
     return np.asarray(np.diff(np.interp(edges, begins, integral)) / record.tick)
 
 
-def lined(commands: np.ndarray) -> np.ndarray:
-    """Return the values (ticks,) with NaN replaced by lines between their neighbours."""
-    known, index = np.isfinite(commands), np.arange(len(commands))
-    return np.interp(index, index[known], commands[known])
-
-
 def carried(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Split x (n,) of rows, NaN: not logged, into the line (n,) that carries over to between rows, how far (n,) it is
     off the rows (0 where not logged), and whether x jumps there (n,) bool, so that this is no noise.
@@ -160,7 +154,7 @@ def carried(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     where nothing jumps: noise of a row alone is in no other's.
     """
     known, rows = np.isfinite(x), np.arange(len(x))
-    whole = lined(x)
+    whole = filled(x)
 
     def of(away: int) -> np.ndarray:
         return np.asarray(0.5 * (whole[np.clip(rows - away, 0, rows[-1])] + whole[np.clip(rows + away, 0, rows[-1])]))
@@ -169,7 +163,7 @@ def carried(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
     def off(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rest = np.where(known, whole - combined(twice, weights), 0.0)
-        return rest, np.abs(rest) > JUMP_SIGMAS / NORMAL * np.median(np.abs(rest[known]))
+        return rest, np.abs(rest) > JUMP_SIGMAS / MEDIAN_OF_NORMAL * np.median(np.abs(rest[known]))
 
     plain = np.append(1.0, np.full(LINE_ROWS, 2.0)) / (1.0 + 2.0 * LINE_ROWS)
     steady = known & ~off(plain)[1]

@@ -7,6 +7,7 @@ import numpy as np
 from ..formatting import with_std
 from ..likelihood.estimate import Fit, evaluate, gauss_newton, gram, refreshed
 from ..likelihood.likelihood import LEVELS
+from ..placebo import is_placebo, of_other_times
 from ..sums import along, square
 from .candidates import CANDIDATE_KINDS
 from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, MOST, PRODUCTS, TWIN_Z, Elimination, Kept, Z
@@ -23,8 +24,9 @@ WHITE_SQUARES = 1.35   # mean square of whitened errors that a model at its nois
 AHEAD = 0.85           # of a stranger's log: share of the error ahead
 EXCLUDED = 0.25        # of k1, 2 dB: an error of it that a stranger's log excludes if it is called consistent
 LEVEL = 2.0            # of a stranger's log: noise level over the declared
-TURNING_SHARES = (0.2, 0.45, 0.7)   # of the log, by which the input is shifted
-PLACEBO = 2.0          # times by which the input's own time must win over a shifted one
+OTHER_TIMES = (0.2, 0.45, 0.7)   # of the log, by which the input is shifted
+AHEAD_OF_OTHERS = 0.5  # of what the input saves, by which it must be ahead of a shifted one
+LEAST_OF_INPUT = 5.0   # squares, that a shifted one saves at least by chance
 
 
 def adequacy(m: Model, fit: Fit) -> tuple[list[str], str | None]:
@@ -170,9 +172,9 @@ def acts(m: Model, el: Elimination) -> bool:
     none = gauss_newton(m, q, rest, frozenset(), 2)
     without = square(none.e)
     own = without - square(evaluate(m, el.full.p).e)
-    wins = [5.0]
-    for part in TURNING_SHARES:
-        turned = m.turned(int(part * len(m.log.track.commands)))
+    wins = []
+    for commands in of_other_times(m.log.track.commands, OTHER_TIMES):
+        turned = m.with_commands(commands)
         fit = gauss_newton(turned, none.p, tuple(sorted({*rest, *inputs})), frozenset(), 2)
         wins.append(without - square(fit.e))
-    return own > PLACEBO * max(wins)
+    return not is_placebo(own, [LEAST_OF_INPUT, *wins], AHEAD_OF_OTHERS)

@@ -5,13 +5,16 @@ is left costs more on left-out blocks than its error.  A number that the nominal
 its band, not to its value.  (Efroymson 1960, with the score of `score`.)
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from sim.effects import CATALOGUE
 
 from ..likelihood.estimate import Fit, evaluate, gauss_newton, inverse, slopes
+from ..selection import step_by_step
 from ..sums import combined, square
 from .model import Model
 from .numbers import KINEMATIC
@@ -97,6 +100,15 @@ class Elimination:
     def removable(self) -> float:
         best = min(square(self.e_full), square(self.e_final))
         return max(square(self.e_nominal) - best, 1e-9)
+
+
+class Left(NamedTuple):
+    """Groups left in a model, its fit and left-out errors e (r,), the least left-out errors met on the way there."""
+
+    groups: list[Group]
+    fit: Fit
+    e: np.ndarray
+    least: np.ndarray
 
 
 def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
@@ -235,42 +247,52 @@ class Search:
     def take_away(self, fit: Fit, e_nominal: np.ndarray,
                   e_end: np.ndarray) -> tuple[Fit, list[Group], np.ndarray, np.ndarray]:
         """Take groups away while errors allow it; return fit, groups left, best left-out errors, the fit's."""
-        m, live, best = self.m, list(self.groups), e_end
+        m, live = self.m, list(self.groups)
+        least = e_end
         for cluster in self.clusters():
             C = inverse(m, fit)
             others = [[g for g in cluster if g is not one] for one in cluster]
-            least, k = min((self.cost(fit, C, rest), k) for k, rest in enumerate(others))
-            if least < ONE_OF:
+            cost, k = min((self.cost(fit, C, rest), k) for k, rest in enumerate(others))
+            if cost < ONE_OF:
                 fit = self.without(fit, others[k])
                 e_end = left_out(m, fit)
                 live = [g for g in live if g not in others[k]]
-        is_first = True
-        while live:
-            C = inverse(m, fit)
-            costs = {g.name: self.cost(fit, C, [g]) for g in live}
-            order = sorted(live, key=lambda g: costs[g.name] * (EARLIER if g.kind in RARE else 1.0))
-            tries = [[g] for g in order[:TRIES]]
-            if is_first:      # all at once that cost nothing
-                most = 0
-                while most < len(order) and costs[order[most].name] <= FREELY and \
-                        self.cost(fit, C, order[:most + 1]) <= FREELY * (most + 1)**0.5:
-                    most += 1
-                tries, is_first = [order[:most]] * (most > 1) + tries, False
-            for gone in tries:
-                tried = self.without(fit, gone)
-                e = left_out(m, tried)
-                gain, error = compare(m, e, e_end if len(gone) > 1 else best, self.unit)
-                removable = max(square(e_nominal) - square(best), 1e-9)
-                go_together = len(gone) > 1 and gain < max(error, MIN_SQUARES_SAVED)
-                goes_alone = len(gone) == 1 and (self.is_at_an_end(fit, gone[0])
-                                                 or not self.is_needed(gone[0], gain, error, removable))
-                if go_together or goes_alone:
-                    fit, e_end, live = tried, e, [g for g in live if g not in gone]
-                    best = e if square(e) < square(best) else best
-                    break
-            else:
-                break
-        return fit, live, best, e_end
+        start = Left(live, fit, e_end, least)
+        if len(together := self.costless(start)) > 1:
+            less = self.less(start, together)
+            gain, error = compare(m, less.e, start.e, self.unit)
+            start = less if gain < max(error, MIN_SQUARES_SAVED) else start
+
+        def smaller(now: Left) -> Iterator[Left]:
+            return (self.less(now, [g]) for g in self.by_cost(now)[:TRIES])
+
+        def takes_over(less: Left, now: Left) -> bool:
+            gone = next(g for g in now.groups if g not in less.groups)
+            gain, error = compare(m, less.e, now.least, self.unit)
+            removable = max(square(e_nominal) - square(now.least), 1e-9)
+            return self.is_at_an_end(now.fit, gone) or not self.is_needed(gone, gain, error, removable)
+
+        end = step_by_step(start, smaller, takes_over)
+        return end.fit, end.groups, end.least, end.e
+
+    def less(self, now: Left, gone: list[Group]) -> Left:
+        """Return what is left without the groups `gone`."""
+        fit = self.without(now.fit, gone)
+        e = left_out(self.m, fit)
+        return Left([g for g in now.groups if g not in gone], fit, e, e if square(e) < square(now.least) else now.least)
+
+    def by_cost(self, now: Left) -> list[Group]:
+        """Return the groups left, those first whose absence costs least by the information; of a rare cause sooner."""
+        C = inverse(self.m, now.fit)
+        return sorted(now.groups, key=lambda g: self.cost(now.fit, C, [g]) * (EARLIER if g.kind in RARE else 1.0))
+
+    def costless(self, now: Left) -> list[Group]:
+        """Return the groups left that together cost nothing by the information."""
+        C, order, most = inverse(self.m, now.fit), self.by_cost(now), 0
+        while most < len(order) and self.cost(now.fit, C, [order[most]]) <= FREELY and \
+                self.cost(now.fit, C, order[:most + 1]) <= FREELY * (most + 1)**0.5:
+            most += 1
+        return order[:most]
 
     def by_one(self, fit: Fit, live: list[Group], e_end: np.ndarray) -> tuple[Fit, list[Group], np.ndarray]:
         """Replace two numbers by one that has the effect of both, where the errors on rows left out do not grow; return

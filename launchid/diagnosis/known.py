@@ -11,6 +11,7 @@ from sim.nominal import Nominal
 
 from ..likelihood.command import nozzle_input, played
 from ..likelihood.kernel import FIRST_ORDER_SERVO, NUMBERS, SECOND_ORDER_SERVO
+from ..series import filled
 from .believed import Believed, believed, modes
 from .track import Track
 
@@ -34,12 +35,6 @@ class Scales(NamedTuple):
     theta: float
     omega: float
     beta: float
-
-
-def filled(x: np.ndarray) -> np.ndarray:
-    """Return x (n,) with NaN replaced by lines between neighbours; zeros if all are NaN."""
-    good = np.flatnonzero(np.isfinite(x))
-    return np.interp(np.arange(len(x)), good, x[good]) if len(good) else np.zeros(len(x))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,9 @@ import numpy as np
 from ..likelihood.estimate import Noise, Table
 from ..likelihood.kernel import ROW, B
 from ..likelihood.likelihood import LEVELS, Parameters, Run, nozzle_path, respond
+from ..series import filled
 from .believed import forcing
-from .known import CURVES, KnownLog, filled
+from .known import CURVES, KnownLog
 from .noise import Air, noise_of
 from .numbers import usual
 from .track import Track
@@ -105,11 +106,9 @@ class Model:
         z[-rows:, 1] = np.nan
         return replace(self, log=replace(log, z=z, retimed=log.retimed + rows * log.period), columns={})
 
-    def turned(self, rows: int) -> "Model":
-        """Return the model with the input of another time: commands turned by so many (a placebo)."""
-        track = self.log.track
-        turned = replace(track, commands=np.roll(track.commands, rows))
-        return replace(self, log=replace(self.log, track=turned), columns={})
+    def with_commands(self, commands: np.ndarray) -> "Model":
+        """Return the model with other commands (ticks,) [rad] as its input."""
+        return replace(self, log=replace(self.log, track=replace(self.log.track, commands=commands)), columns={})
 
     def settled(self, run: Run) -> "Model":
         """Return the model with the filtered motion of a run, from which forced columns are made."""

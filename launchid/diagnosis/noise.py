@@ -7,6 +7,7 @@ import numpy as np
 
 from ..likelihood.estimate import Noise
 from ..likelihood.likelihood import LEVELS
+from ..series import white_variance
 from .known import KnownLog
 
 ARC_MINUTE = 2.9e-4    # rad of nozzle: no thrust is aligned better, so a moment that slow and small is nobody's fault
@@ -17,7 +18,6 @@ WIND_CAP = 40.0        # times that level: the largest
 WEATHER = {"turbulence": LEVELS.index("turbulence"), "wind_walk": LEVELS.index("walk")}   # causes that are a level
 DISTURBANCE_TIME = 0.1  # s, of a stranger's motion that no model has: between its rows and the vehicle's time
 DISTURBANCE = 0.02     # of the acceleration, where the fit of its size begins; it moves at most half as much
-THIRD_DIFFERENCES = 20.0  # variance of third differences of white noise
 DENSEST = 30.0         # times the declared, up to which a sensor's noise of a stand may be fitted
 LOUDEST = 1e4          # times the declared, of the acceleration of a stand: nominals of others declare what they like
 FLOWN_SPREAD = (0.5, 0.5, 0.5, 0.5, 0.3, 1.0, 1.0)     # sigma of each level's logarithm, of LEVELS, where the nominal's
@@ -36,12 +36,6 @@ class Air(NamedTuple):
     walk_time: float
     turbulence_time: float
     start: float
-
-
-def white_std(x: np.ndarray) -> float:
-    """Return one sigma of the white part of x, by its third differences; 0 of ten values or fewer."""
-    x = x[np.isfinite(x)]
-    return float(np.std(np.diff(x, 3)) / math.sqrt(THIRD_DIFFERENCES)) if len(x) > 10 else 0.0
 
 
 def noise_of(log: KnownLog, bounds: str, weather: str = "") -> tuple[Noise, Air]:
@@ -92,7 +86,7 @@ def _sensors(log: KnownLog) -> list[float]:
     s, out = log.nominal.sensors, []
     given = [(s.theta_std, s.theta_step), (s.theta_dot_std, s.theta_dot_step), (s.beta_std, s.beta_step)]
     for k, (white_part, step) in enumerate(given):
-        white, std = white_std(log.z[:, k]), math.hypot(white_part, step / math.sqrt(12.0))
+        white, std = math.sqrt(white_variance(log.z[:, k])), math.hypot(white_part, step / math.sqrt(12.0))
         if not log.is_flown and white > 0.0:
             std = min(std, 3.0 * white)
         out.append(max(std, 0.05 * white, 1e-9))

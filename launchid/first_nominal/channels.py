@@ -12,8 +12,8 @@ from ..formatting import slow_hint
 from ..log.log import Log
 from ..log.slope import ONE_MOTION
 from ..log.stamps import usable_rows
+from ..series import filled
 from ..sums import combined, least_squares, products, square
-from ..weakform.prepare import path_angle
 
 MIN_ROWS_A_LOG = 60    # rows, 1.2 s at 50 Hz: below, noise levels and a held-out part are chance
 SPIKE_OVER_MEDIAN = 20.0  # times the median distance from the median of five rows: one in a million is at 8
@@ -83,7 +83,7 @@ def channels(log: Log) -> Channels:
         x[name] = np.where(bad, math.nan, raw)
     period = round(float(np.median(np.diff(t))), CLOCK_DIGITS)
     cut = Channels(log.path, float(t[0]), period, t - t[0], x["theta"], x["theta_dot"], x["beta"], x["beta_cmd"],
-                   path_angle(t, log.flight_path[rows]), tuple(notes))
+                   filled(log.flight_path[rows], t), tuple(notes))
     for names in (moving, driven):
         if not any(cut.has(name) for name in names):
             raise InputError(f"{log.path}: {' and '.join(names)}: expected a value in most rows")
@@ -94,13 +94,13 @@ def spikes(x: np.ndarray) -> np.ndarray:
     """Return (n,) bool: single values far from the median of five rows and from every step near them."""
     if len(x) < 2 * ROWS_BESIDE_SPIKE or np.isnan(x).mean() > 0.5:
         return np.zeros(len(x), bool)
-    filled = np.interp(np.arange(len(x)), np.flatnonzero(np.isfinite(x)), x[np.isfinite(x)])
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(filled, 2, mode="edge"), 5)
-    off = np.abs(filled - np.median(around, axis=1))
+    whole = filled(x)
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(whole, 2, mode="edge"), 5)
+    off = np.abs(whole - np.median(around, axis=1))
     usual = float(np.median(off[off > 0.0])) if np.any(off > 0.0) else 0.0
     bad = np.zeros(len(x), bool)
     for k in np.flatnonzero(off > SPIKE_OVER_MEDIAN * usual).tolist() if usual > 0.0 else ():
-        beside = np.concatenate([filled[max(0, k - ROWS_BESIDE_SPIKE):k], filled[k + 1:k + ROWS_BESIDE_SPIKE + 1]])
+        beside = np.concatenate([whole[max(0, k - ROWS_BESIDE_SPIKE):k], whole[k + 1:k + ROWS_BESIDE_SPIKE + 1]])
         bad[k] = off[k] > SPIKE_OVER_LARGEST * np.max(np.abs(np.diff(beside)))
     return bad
 

@@ -13,6 +13,8 @@ import numpy as np
 from sim.errors import InputError
 
 from ..judge.terms import INCREMENT, LARGE
+from ..selection import step_by_step
+from ..series import filled
 from ..sums import combined, inner, square
 from ..weakform.noise import noise_variance
 from ..weakform.prepare import LONGEST_ROW_STEP
@@ -39,7 +41,6 @@ WIND_MARGIN = -7.0     # the same of wind: calm believed in wind is 4 std wrong,
 FIRST_LEVELS = {"walk": 0.003, "turbulence": 0.005, "turbulence_time": 1.0}
 MIN_WIND_SHARE = 0.02  # of the largest |a6|, by which wind acts at least
 TERMS = {"damping": "theta_dot", "friction": "sign(theta_dot)"}
-ADDED_PARTS = 8        # that are added to the plain model
 PLAIN_TERMS = ("theta", "beta")
 NOZZLE_NUMBERS = ("r_beta", "q_b", "servo")  # of a nozzle that no command tells
 STAND_TERMS = tuple((gravity, "beta", *rest) for gravity in ("theta", "sin(theta)")
@@ -69,7 +70,7 @@ def sizes(c: Channels, m: Rows) -> dict[str, float]:
     """Return the largest magnitude of theta, theta_dot, beta, beta_rate and moment, by name; rad and s."""
     def size(x: np.ndarray) -> float:
         return float(np.nanmax(np.abs(x))) + 1e-12
-    u = weak.filled(c.t, c.beta if c.has("beta") else command(c))
+    u = filled(c.beta if c.has("beta") else command(c), c.t)
     return {"theta": size(m.theta), "theta_dot": size(m.theta_dot), "beta": size(u),
             "beta_rate": size(np.diff(u)) / c.period + 1e-12,
             "moment": size(weak.columns(m, ())[1]) / INCREMENT}
@@ -88,7 +89,7 @@ def source_of(c: Channels) -> str:
         return BY_INPUT
     if not c.has("beta_cmd"):
         return BY_MEASUREMENT
-    beta, u = weak.filled(c.t, c.beta), weak.filled(c.t, c.beta_cmd)
+    beta, u = filled(c.beta, c.t), filled(c.beta_cmd, c.t)
     left = [_unexplained(beta, np.interp(c.t - d, c.t, u))
             for d in np.arange(0.0, MOST_COMMAND_DELAY, max(c.period, 0.01))]
     return BY_COMMAND if min(left) < 1.0 - COMMAND_SHARE else BY_MEASUREMENT
@@ -103,7 +104,7 @@ def _unexplained(y: np.ndarray, x: np.ndarray) -> float:
 
 def servo_start(c: Channels) -> float:
     """Return the delay [s] from command to nozzle in excess of the lag of a servo of FIRST_SERVO_FREQUENCY."""
-    beta, u = weak.filled(c.t, c.beta), weak.filled(c.t, c.beta_cmd)
+    beta, u = filled(c.beta, c.t), filled(c.beta_cmd, c.t)
     grid = np.arange(0.0, MOST_COMMAND_DELAY, max(c.period / 2.0, 0.002))
     best = float(grid[int(np.argmin([_unexplained(beta, np.interp(c.t - d, c.t, u)) for d in grid]))])
     return max(best - 2.0 * SERVO_DAMPING / FIRST_SERVO_FREQUENCY, 0.0)
@@ -128,7 +129,7 @@ def start(c: Channels, source: str, m: Rows, terms: tuple[str, ...], delay: floa
                     "q_b": numbers["r_beta"] * c.period}
         free += ["q_b", "servo", "damping"]
     elif source == BY_MEASUREMENT:
-        u = weak.filled(c.t, c.beta)
+        u = filled(c.beta, c.t)
         rough = float(np.var(np.diff(u))) / c.period**2
         numbers |= {"servo": 2.0 / c.period / 5.0, "q_b": max(rough, 1e-12) * 2.0 / c.period / 5.0}
         free += ["q_b", "servo"]
@@ -238,27 +239,30 @@ def servo_instead(now: Fitted, c: Channels) -> Fitted:
 
 def grown(now: Fitted, c: Channels) -> Fitted:
     """Add to the plain model the part that gains most, until none gains more than its penalty; then remove parts that
-    no longer pay."""
-    calm = now
-    for _ in range(ADDED_PARTS):
-        asked = windy(now.model, c) if now is calm or now.model.walk else ()
-        better = [each for each in (fit(model, c, free=still(model)) for model in asked)
-                  if each.bic > now.bic + (MARGIN if now.model.walk else WIND_MARGIN)]
+    no longer pay.  Wind is asked of the plain model, and again once nodes and terms are there."""
+    plain = now
+
+    def fitted(model: Model) -> Fitted:
+        return fit(model, c, free=still(model))
+
+    def larger(now: Fitted) -> Iterator[Fitted]:
         hoped = max(((hope(model, c), k, model) for k, model in enumerate(candidates(now.model, c))), default=None)
-        if hoped is not None and hoped[0] > now.bic + MARGIN:
-            better.append(fit(hoped[2], c, free=still(hoped[2])))
-        best = max(better, key=lambda each: each.bic, default=now)
-        if best.bic <= now.bic + MARGIN:
-            if now is calm or now.model.walk:
-                break
-            calm = now   # nodes and terms are there: is there wind beside them?
-            continue
-        now = best
-    for model in thinner(now.model):
-        without = fit(model, c, free=still(model))
-        if without.bic + (WIND_MARGIN if now.model.walk and not model.walk else 0.0) > now.bic:
-            now = without
-    return now
+        more = [fitted(hoped[2])] if hoped is not None and hoped[0] > now.bic + MARGIN else []
+        if now is not plain and not now.model.walk:
+            yield from more
+            more = []
+        yield from sorted((*map(fitted, windy(now.model, c)), *more), key=lambda each: -each.bic)
+
+    def without(now: Fitted) -> Iterator[Fitted]:
+        return map(fitted, thinner(now.model))
+
+    def pays(more: Fitted, now: Fitted) -> bool:
+        return more.bic > now.bic + MARGIN
+
+    def does_as_well(less: Fitted, now: Fitted) -> bool:
+        return less.bic + (WIND_MARGIN if now.model.walk and not less.model.walk else 0.0) > now.bic
+
+    return step_by_step(step_by_step(now, larger, pays), without, does_as_well)
 
 
 def hope(model: Model, c: Channels) -> float:

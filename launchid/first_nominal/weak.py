@@ -4,12 +4,13 @@ It needs no noise level and no start.
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from ..judge.terms import INCREMENT
+from ..series import filled
 from ..sums import combined, least_squares, square
+from ..weakform.late import acting_later
 from ..weakform.modes import increments
 from ..weakform.noise import with_noise_levels
 from ..weakform.prepare import LONGEST_ROW_STEP
@@ -22,19 +23,13 @@ HELD_OUT_SHARE = 0.4   # the last part of the log
 MIN_INCREMENTS = 5     # increments without overlap in it
 
 
-def filled(t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return x (n,) with missing values interpolated linearly over t (n,) [s]."""
-    good = np.isfinite(x)
-    return np.interp(t, t[good], x[good])
-
-
 def motion(c: Channels, source_is_beta: bool) -> Rows:
     """Return rows of the weak form, the input as beta; a missing rate is theta's slope, a missing theta its
     integral."""
-    u = filled(c.t, c.beta if source_is_beta else command(c))
-    rate = filled(c.t, c.theta_dot) if c.has("theta_dot") else np.zeros(0)
+    u = filled(c.beta if source_is_beta else command(c), c.t)
+    rate = filled(c.theta_dot, c.t) if c.has("theta_dot") else np.zeros(0)
     if c.has("theta"):
-        theta = filled(c.t, c.theta)
+        theta = filled(c.theta, c.t)
         rate = rate if len(rate) else slope(c.t, theta, max(1, round(SLOPE_SPAN / c.period)))
     else:
         theta = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(c.t) * (rate[1:] + rate[:-1]))])
@@ -67,13 +62,8 @@ def acting(rows: Rows, model: Model) -> np.ndarray:
 
 def columns(rows: Rows, terms: tuple[str, ...], delay: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return middle times (k,), increments of the rate (k,), integrals (k, n) of the terms, the constant first."""
-    begin, end, y, phi = increments(delayed(rows, delay), ("1", *terms), INCREMENT)
+    begin, end, y, phi = increments(acting_later(rows, delay, 0.0), ("1", *terms), INCREMENT)
     return 0.5 * (begin + end), y, phi
-
-
-def delayed(rows: Rows, delay: float) -> Rows:
-    """Return the rows with beta `delay` [s] later."""
-    return replace(rows, beta=np.interp(rows.t - delay, rows.t, rows.beta)) if delay else rows
 
 
 def solve(phi: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..placebo import is_placebo, of_other_times
 from ..sums import along, products
 from ..weakform.estimate import slopes_of
 from ..weakform.fit import MIN_COLUMN_LEFT, noise_likelihoods
@@ -177,14 +178,14 @@ def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead 
                 for piece, phi in zip(few, columns, strict=True)]
         return np.asarray(np.max(np.sum(each, axis=0), axis=(1, 2)))
 
-    others = [k for k, term in enumerate(terms) if "beta" not in term]
-    none = float(of([piece.modes.phi[:, None, others] for piece in few])[0])
-    moved = [np.roll(rows.beta, round(share * len(rows.t))) for share in SHIFTS]
-    moved = [each for each in moved if not abs(np.corrcoef(each, rows.beta)[0, 1]) > SAME_INPUT]
+    still = [k for k, term in enumerate(terms) if "beta" not in term]
+    none = float(of([piece.modes.phi[:, None, still] for piece in few])[0])
+    moved = [each for each in of_other_times(rows.beta, SHIFTS)
+             if not abs(np.corrcoef(each, rows.beta)[0, 1]) > SAME_INPUT]
     own = float(of([piece.modes.phi[:, None] for piece in few])[0])
     if lead is not None:
         own = max(own, float(of([piece.shifted(terms, [lead.at(piece.rows)]) for piece in few])[0]))
     at = [rows.within(piece.rows) for piece in few]
-    most = float(np.max(of([with_betas(piece.rows, piece.modes, terms, [each[part] for each in moved])
-                            for piece, part in zip(few, at, strict=True)]), initial=none)) if moved else none
-    return own - most < max(0.5 * TERM_SIGMAS**2, BEYOND * (own - none))
+    others = of([with_betas(piece.rows, piece.modes, terms, [each[part] for each in moved])
+                 for piece, part in zip(few, at, strict=True)]) if moved else np.zeros(0)
+    return is_placebo(own - none, others - none, BEYOND, 0.5 * TERM_SIGMAS**2)

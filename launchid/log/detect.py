@@ -16,6 +16,7 @@ import numpy as np
 
 from sim.sections import Nominal
 
+from ..series import filled
 from . import channels, relations, stamps
 from .fault import Fault
 from .log import SHORTEST_STEP, Log
@@ -102,5 +103,5 @@ def related(log: Log, usable: np.ndarray, masks: dict[str, np.ndarray]) -> tuple
     for name in relations.RELATED_COLUMNS if len(grid) >= FEWEST_RELATED else ():
         good = masks[name][usable] if name in masks else np.zeros(len(t), bool)
         if 2 * np.count_nonzero(good) > len(t):
-            columns[name] = np.interp(grid, t[good], getattr(log, name)[usable][good])
+            columns[name] = filled(getattr(log, name)[usable], t, good, grid)
     return grid, columns

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..series import white_variance
 from ..sums import along, combined, least_squares, products, square
 from .relations import filtered
 from .slope import Columns, integral
@@ -27,7 +28,6 @@ FADED = 1e-3           # of a filter's answer, that may be cut off
 FEWEST_ROWS = 500      # less tell no lag
 SEGMENTS = 20          # of the rows, whose scatter gives the standard deviations, if that is more than white noise's
 ONE_GYRO = 0.3         # of the variance of theta's filtered changes, that theta_dot must explain
-WHITE_NOISE = 20.0     # of third differences over their cause
 MOST_NOISE = 3.0       # times the noise of theta: more that is left is no gyro of one scale and lag
 
 
@@ -49,7 +49,7 @@ def gyro_of(columns: Columns, period: float, known: np.ndarray) -> Gyro | None:
         return None
     theta, rate = columns["theta"], columns["theta_dot"]
     parts = [theta, integral(rate, period), rate, period * np.arange(len(rate))]
-    best, rate_noise = None, float(np.mean(np.diff(rate[known], 3)**2)) / WHITE_NOISE
+    best, rate_noise = None, white_variance(rate[known])
     for gain in GAINS.tolist():
         y, *columns_of = (_innovations(x - x[0], gain) for x in parts)
         rows = known.copy()
@@ -66,7 +66,7 @@ def gyro_of(columns: Columns, period: float, known: np.ndarray) -> Gyro | None:
     if best is None:
         return None
     x, design, rest, wanted = best
-    noise = float(np.mean(np.diff(theta[known], 3)**2)) / WHITE_NOISE
+    noise = white_variance(theta[known])
     left, total = square(rest) / len(rest), square(wanted - wanted.mean()) / len(rest)
     if not (total > 0.0 and 1.0 - left / total > ONE_GYRO and x[0] > 0.0) or left > MOST_NOISE**2 * noise:
         return None

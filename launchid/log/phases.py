@@ -30,6 +30,8 @@ import numpy as np
 
 from sim.nominal import Nominal
 
+from ..placebo import is_placebo, of_other_times
+from ..series import white_squares
 from ..sums import combined, least_squares, square
 from .check import CheckedLog, checked
 from .cut import Cut
@@ -59,10 +61,9 @@ MOST_HOPS = 400      # of a stretch, next to the reference, that tell whether be
 DIFFUSE = 1e3        # of a regressor's scale, one sigma of a coefficient that nothing is known of
 MOST_SHARED = 0.4999  # the same of white noise alone: a half
 OTHER_TIMES = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # of the log: shifts of beta that must explain less
-PLACEBO = 0.45       # of the nats that beta saves: a shifted beta saves less
+AHEAD = 0.55         # of the nats that beta saves: a shifted beta saves so much less
 SAME_TRIM, SAME_SLOPE, SAME_DAMPING = 0.5, 0.1, 0.05  # of what beta does in the reference, one sigma of what the
 #                      constant, theta and the rate do otherwise elsewhere
-THIRD = 20.0         # variances of white noise that its third difference has
 LEAST_MOVED = 0.5    # of what beta moves beside theta, that its sensor's noise may not be
 FLOOR = 1e-12        # of the variance of the rate's changes: below is rounding
 MOVES, DOES_NOT, HELD = "beta moves the vehicle", "beta does not move it", "the pad holds it"
@@ -116,7 +117,7 @@ def phases_of(log: Log, data: DataCheck) -> list[Phase]:
     if not gains or not max(gains) > FOUND:
         return []
     reference = int(np.argmax(gains))
-    if _is_placebo(hops):
+    if _is_idle(hops):
         return []
     parts = _refined(sums, parts, reference)
     labels = _labels(hops, sums, parts, reference)
@@ -178,9 +179,9 @@ def _hops(log: Log, data: DataCheck) -> _Hops | None:
     x, y = x / size, y / scale
     explained = [_explained(x[:, [0, 1, 2 + j]], y) for j in range(LAGS)]
     acts = 2 + int(np.argmax(explained))
-    third = np.diff(beta, n=3, prepend=np.full(3, beta[0])) if "beta" in columns else np.zeros(len(t))
+    noise = white_squares(beta) if "beta" in columns else np.zeros(len(t))
     return _Hops(t[begin], t[begin] + 2.0 * rows * period, y, x[:, [0, 1, acts]], rate[first:-1] / scale,
-                 lean[first:-1], held[first:-1], means(third**2)[first:-1] / (2.0 * THIRD * rows), float(size[acts]),
+                 lean[first:-1], held[first:-1], means(noise)[first:-1] / (2.0 * rows), float(size[acts]),
                  first)
 
 
@@ -257,12 +258,12 @@ def _gain(sums: _Sums, first: int, end: int) -> float:
     return float(moves - does_not)
 
 
-def _is_placebo(hops: _Hops) -> bool:
-    """Whether beta of another time of the log explains at least PLACEBO of what beta does: then it is no input of this
-    motion, and tells no phase."""
-    own, n = _explained(hops.x, hops.y), len(hops.y)
-    return any(_explained(np.column_stack([hops.x[:, :2], np.roll(hops.x[:, 2], round(share * n))]), hops.y)
-               >= PLACEBO * own for share in OTHER_TIMES)
+def _is_idle(hops: _Hops) -> bool:
+    """Whether beta explains hardly more than beta of another time of the log: then it is no input of this motion, and
+    tells no phase."""
+    others = (_explained(np.column_stack([hops.x[:, :2], beta]), hops.y)
+              for beta in of_other_times(hops.x[:, 2], OTHER_TIMES))
+    return is_placebo(_explained(hops.x, hops.y), others, AHEAD)
 
 
 def _edge(sums: _Sums, before: list[int], after: list[int]) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 from sim.nominal import Nominal
 from sim.plant import packed
 
+from ..series import filled
 from .detect import DataCheck, related
 from .fault import Fault
 from .gyro import Gyro, gyro_of, is_delayed, without_lag
@@ -104,7 +105,7 @@ def _beyond(gyro: Gyro, nominal: Nominal | None) -> tuple[float, float]:
 def _filled(log: Log, data: DataCheck, name: str) -> np.ndarray:
     """Return a column (n,) with lines over what was not measured."""
     x, good = getattr(log, name), data.masks[name] & data.usable
-    return np.interp(np.nan_to_num(log.t), log.t[good], x[good]) if good.any() else np.asarray(x)
+    return filled(x, log.t, good, np.nan_to_num(log.t))
 
 
 def _mended(log: Log, data: DataCheck, name: str, lag: float, is_delay: bool) -> np.ndarray:

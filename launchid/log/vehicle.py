@@ -15,6 +15,7 @@ import numpy as np
 
 from sim.nominal import Nominal
 
+from ..series import white_variance
 from ..sums import combined, inner, least_squares, square
 from .fault import Fault
 from .log import Log
@@ -128,6 +129,5 @@ def _all_noise_in_degrees(log: Log, nominal: Nominal, masks: dict[str, np.ndarra
         declared = math.hypot(getattr(nominal.sensors, std), getattr(nominal.sensors, step) / math.sqrt(12.0))
         x = getattr(log, name)[masks[name]]
         if declared > 0.0 and len(x) >= ENOUGH_BLOCKS:
-            third = np.diff(x, n=3)   # of white noise its variance is 20 times the noise's; motion has none
-            ratios.append(1.4826 * float(np.median(np.abs(third))) / math.sqrt(20.0) / declared)
+            ratios.append(math.sqrt(white_variance(x, typical=True)) / declared)
     return len(ratios) > 1 and all(1.0 / NOISE_SLACK < ratio / DEGREES < NOISE_SLACK for ratio in ratios)

@@ -30,6 +30,7 @@ from sim.kernels import kernel
 
 from ..controller.fit import Answered, FittedLaw, law_of_numbers
 from ..controller.law import shift
+from ..series import filled, white_variance
 from ..sums import along, products, square
 from .lft import exponential
 
@@ -391,15 +392,13 @@ def data_of(ticks: Answered, m: int) -> Data | str:
         return f"less than {LEAST:g} s are off the deflection limit"
     if np.mean(~np.isfinite(y).all(axis=1)) > LOST_MOST:
         return "too many rows lack a value"
-    reference, rows = ticks.columns["theta_ref"][first:last], np.arange(last - first)
-    there = np.isfinite(reference)
-    at = np.arange(m * (last - first)) / m
-    return Data(y, np.interp(at, rows[there], reference[there]), ticks.period / m, m, m > 1)
+    reference = filled(ticks.columns["theta_ref"][first:last], at=np.arange(m * (last - first)) / m)
+    return Data(y, reference, ticks.period / m, m, m > 1)
 
 
 def levels_of(data: Data) -> np.ndarray:
     """Return logarithms of LEVELS to start from: of the columns by their third differences, else small ones."""
-    white = [math.sqrt(float(np.nanmean(np.diff(x, 3) ** 2)) / 20.0) for x in data.y[:, :3].T]
+    white = [math.sqrt(white_variance(x)) for x in data.y[:, :3].T]
     small = 1e-3 * data.step
     return np.log([1e-3, data.step, *np.maximum(white, small), *np.maximum(white[:2], small)])
 

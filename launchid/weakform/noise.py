@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..series import of_differences, white_variance
 from ..sums import DEPENDENT, combined, least_squares
 from .rows import BRIEF, Rows, fast_part
 
@@ -39,7 +40,7 @@ def roughness(x: np.ndarray, others: list[np.ndarray], order: int) -> float:
     rest = rest[ROUGH_LAGS - 1:]
     size = np.sqrt(np.maximum(np.einsum("nk,nk->k", lags, lags), 1e-300))
     rest = rest - combined(lags, least_squares(lags / size, rest, DEPENDENT) / size)
-    return float(np.median(np.abs(rest)) / 0.6745) ** 2 / math.comb(2 * order, order)
+    return of_differences(rest, order, typical=True)
 
 
 def with_noise_levels(rows: Rows) -> Rows:
@@ -50,11 +51,9 @@ def with_noise_levels(rows: Rows) -> Rows:
 
 
 def noise_variance(x: np.ndarray) -> float:
-    """Return the variance of white noise on a smooth channel x (n,): a 20th of that of its third differences."""
-    x = x[np.isfinite(x)]
-    d = np.diff(x, 3)
-    quantum = np.diff(np.unique(x))
+    """Return the variance of the noise on a smooth column x (n,): the white noise that it shows, or that of its
+    smallest step."""
+    quantum = np.diff(np.unique(x[np.isfinite(x)]))
     floor = float(np.min(quantum[quantum > 0.0], initial=math.inf)) if len(quantum) else math.inf
     floor = floor * floor / 12.0 if math.isfinite(floor) else 0.0
-    usual = float(np.median(np.abs(d)) / 0.6745) ** 2 / 20.0 if len(d) else 0.0
-    return max(usual, floor, 1e-20)
+    return max(white_variance(x, typical=True), floor, 1e-20)

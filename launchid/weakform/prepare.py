@@ -8,6 +8,7 @@ import numpy as np
 
 from ..log.check import BRIDGED, CheckedLog
 from ..log.rates import HELD_WORD
+from ..series import filled
 from .noise import noise_variance, nozzle_noise, with_noise_levels
 from .rows import MIN_ROWS_A_STRETCH, SLOPE_SPAN, Rows, before, slope
 
@@ -45,7 +46,7 @@ def usable(seen: CheckedLog, *, is_steadied: bool = True) -> Rows | None:
     rate = columns["theta_dot"][there] if has_rate else slope(t, theta, max(1, round(SLOPE_SPAN / log.period)))
     step = np.diff(t)
     cuts = np.flatnonzero((step > LONGEST_ROW_STEP * np.median(step)) | (np.diff(row) > 1)) + 1
-    rows = Rows(t, theta, path_angle(t, path), rate, beta, has_rate, bool(np.isfinite(path).any()),
+    rows = Rows(t, theta, filled(path, t), rate, beta, has_rate, bool(np.isfinite(path).any()),
                 np.concatenate([[0], cuts, [len(t)]]), is_held=seen.rates["beta"].kind == HELD_WORD)
     command = log.beta_cmd[times][there]
     if np.array_equal(command, beta):   # a command holds until the next
@@ -84,7 +85,7 @@ def bridged(t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     before = np.maximum.accumulate(np.where(good, at, -len(x)))
     after = np.minimum.accumulate(np.where(good, at, 2 * len(x))[::-1])[::-1]
     known = good | (after - before <= BRIDGED + 1)
-    return np.interp(t, t[good], x[good]), known
+    return filled(x, t), known
 
 
 def thinned(rows: Rows) -> Rows:
@@ -105,12 +106,6 @@ def thinned(rows: Rows) -> Rows:
     means = {name: getattr(rows, name)[at].reshape(-1, many).mean(axis=1)
              for name in ("t", "theta", "gamma", "theta_dot", "beta")}
     return replace(rows, **means, bounds=np.cumsum([0, *((b - a) // many for a, b in whole)]))
-
-
-def path_angle(t: np.ndarray, gamma: np.ndarray) -> np.ndarray:
-    """Return the flight-path angle (n,) [rad] at stamps t (n,): linear between finite gamma (n,), 0 if none is."""
-    known = np.isfinite(gamma)
-    return np.interp(t, t[known], gamma[known]) if known.any() else np.zeros(len(t))
 
 
 def near_all(t: np.ndarray, period: float) -> np.ndarray:

@@ -41,6 +41,13 @@ HOMES = (
          ("launchid/c_export/kit.py", "launchid/first_nominal/write.py")),   # of the port's sample; of all numbers
     Home("tail and quantiles of chi square", "launchid/chi_square.py", "quantile", r"lgamma\(|Hilferty|9\.0 \* free"),
     Home("segments of averaged spectra", "launchid/spectra.py", "segments"),
+    Home("lines over what was not measured", "launchid/series.py", "filled",
+         r"np\.interp\(\w[^,\n]*, \w+\[(known|good|there|np\.isfinite)"),
+    Home("white noise by differences", "launchid/series.py", "white_variance",
+         r"np\.diff\(\w+(\[\w+\])?, (n=)?3\b|/ 20\.0\b|0\.6745|1\.4826",
+         ("launchid/bound/step.py",)),   # h^5 / 20 of an integrated noise
+    Home("input of another time (placebo)", "launchid/placebo.py", "is_placebo", r"np\.roll\("),
+    Home("forward and backward selection", "launchid/selection.py", "step_by_step"),
     Home("sums in one order on every machine", "launchid/sums.py", "least_squares", r"np\.linalg\.qr\("),
     Home("the data check", "launchid/log/check.py", "checked"),
     Home("a log on a grid", "launchid/log/record.py", "Record"),

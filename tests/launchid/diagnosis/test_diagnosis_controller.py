@@ -11,7 +11,7 @@ from test_diagnosis import LONG, NOMINAL, flown, found, named
 
 from launchid.controller.check import NO_MISMATCH, check_controller
 from launchid.controller.command import record
-from launchid.controller.gaps import filled, on_board
+from launchid.controller.gaps import on_board, with_commands_between
 from launchid.controller.issued import with_commands
 from launchid.diagnosis.adapter import follow, read
 from launchid.diagnosis.verdict import diagnose
@@ -126,6 +126,6 @@ def test_a_test_input_between_the_rows_is_in_the_commands():
     nominal = dataclasses.replace(TESTED, actuator=dataclasses.replace(TESTED.actuator, command_noise_std=0.0))
     whole, log = flown(nominal=nominal), flown(nominal=nominal, period=SLOW)
     r = record(log, nominal, check(log, nominal))
-    made = filled(r, whole.theta[:len(r.commands)], on_board(r))
+    made = with_commands_between(r, whole.theta[:len(r.commands)], on_board(r))
     missing = (made.commands - whole.beta_cmd[:len(made.commands)])[1::2]
     assert np.max(np.abs(missing[60:-1])) < 1e-8
