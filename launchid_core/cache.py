@@ -51,7 +51,10 @@ def cache_folder() -> Path | None:
 
 @cache
 def looked_through(path: Path) -> tuple[bytes, list[Path]]:
-    """Return the digest of a source, or of a whole package, and what it imports: modules of its own, whole others."""
+    """Return the digest of a source file, and what it imports: files of its own package, folders of our others.
+
+    Of a folder the digest is that of all its sources, which import nothing further.
+    """
     if path.is_dir():
         return hashlib.blake2b(b"".join(file.read_bytes() for file in sorted(path.rglob("*.py")))).digest(), []
     source, found = path.read_bytes(), list[Path]()

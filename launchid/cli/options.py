@@ -95,7 +95,7 @@ def add_logs(sub: argparse.ArgumentParser, help: str, nominal_help: str, require
 
 
 def is_nominal(word: str) -> bool:
-    """Whether a word of the command is a nominal: a TOML file, or the name of a built-in one."""
+    """Whether a word of the command is a nominal: a TOML file, or the name of a built-in one if no file has it."""
     from sim.nominal import NAMES
     return word.endswith(".toml") or (word in NAMES and not os.path.exists(word))
 

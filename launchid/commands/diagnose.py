@@ -191,7 +191,7 @@ class Diagnosed(Answer):
         return super()._figure()
 
     def write_report(self, folder: str | Path) -> None:
-        """Write report.html, verdict.json, extension.toml and the figures into a folder."""
+        """Write report.html, verdict.json, the figures and, of a cause that was found, extension.toml into a folder."""
         from ..report.diagnosis_page import write_report
         write_report(self.diagnosis, self.report, folder, self._comparison())
 

@@ -17,12 +17,19 @@ from sim.kernels import kernel
 from sim.nominal import Nominal
 from sim.plant import modes_of, packed, tuned
 from sim.sections import Actuator
+from sim.vehicle.record import NUMBER_EFFECTS
 
-from ..likelihood.kernel import MODE
+from ..likelihood.kernel import MODE, NUMBERS
 from ..weakform.modes import column
 from .track import Track
 
 DIFFERS = 1e-12   # from the neutral value
+NEUTRAL = {name: float(getattr(Changes(), name)) for name in NUMBER_EFFECTS}   # of what effects change
+OF_SENSORS = tuple(name for name in NUMBERS.names or () if name in NEUTRAL)   # numbers of the filter by the same name
+CHANGE_OF = {"damping": "aero_damping", "cubic": "aero_cubic", "friction": "friction",
+             "misalignment": "thrust_misalignment", "inertia": "nozzle_inertia", "wind": "steady_wind",
+             "delay": "actuator_delay", "gain": "actuator_gain", "null_angle": "actuator_bias",
+             "nozzle_bias": "nozzle_sensor_bias", **{name: name for name in OF_SENSORS}}   # number: change of a flight
 
 
 class Believed(NamedTuple):
@@ -87,15 +94,9 @@ def _numbers(c: Changes, servo: Actuator) -> dict[str, float]:
         lag += more
     washout = sum(1.0 / time for kind, time, _ in c.inputs if kind == WASHOUT)
     play = sum(width for kind, width, _ in c.inputs if kind == PLAY)
-    all_of_them = {
-        "damping": (c.aero_damping, 0.0), "cubic": (c.aero_cubic, 0.0), "friction": (c.friction, 0.0),
-        "misalignment": (c.thrust_misalignment, 0.0), "inertia": (c.nozzle_inertia, 0.0),
-        "wind": (c.steady_wind, 0.0), "delay": (c.actuator_delay, 0.0), "gain": (c.actuator_gain, 1.0),
-        "null_angle": (c.actuator_bias, 0.0), "bandwidth": (w / servo.frequency, 1.0), "lag": (lag, 0.0),
-        "washout": (washout, 0.0), "play": (play, 0.0), "rate_limit": (1.0 / c.rate_limit, 0.0),
-        "attitude_delay": (c.attitude_delay, 0.0), "gyro_delay": (c.gyro_delay, 0.0),
-        "gyro_scale": (c.gyro_scale, 1.0), "gyro_bias": (c.gyro_bias, 0.0),
-        "nozzle_bias": (c.nozzle_sensor_bias, 0.0)}
+    all_of_them = {name: (getattr(c, own), NEUTRAL[own]) for name, own in CHANGE_OF.items()} | {
+        "bandwidth": (w / servo.frequency, 1.0), "lag": (lag, 0.0), "washout": (washout, 0.0), "play": (play, 0.0),
+        "rate_limit": (1.0 / c.rate_limit, 0.0)}
     return {name: value for name, (value, neutral) in all_of_them.items() if abs(value - neutral) > DIFFERS}
 
 

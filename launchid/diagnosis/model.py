@@ -11,7 +11,7 @@ from ..likelihood.estimate import Noise, Table
 from ..likelihood.kernel import ROW, B
 from ..likelihood.likelihood import LEVELS, Parameters, Run, nozzle_path, respond
 from ..series import filled
-from .believed import forcing
+from .believed import NEUTRAL, OF_SENSORS, forcing
 from .known import CURVES, KnownLog
 from .noise import Air, noise_of
 from .numbers import usual
@@ -135,8 +135,10 @@ class Model:
             return float(p[at[name]]) if name in at else log.given.get(name, missing)
 
         c, rows = log.servo_numbers(get), np.zeros(log.n, ROW)
-        c["attitude_delay"], c["gyro_delay"] = get("attitude_delay"), get("gyro_delay") - log.retimed
-        c["gyro_scale"], c["gyro_bias"], c["nozzle_bias"] = get("gyro_scale", 1.0), get("gyro_bias"), get("nozzle_bias")
+        for name in OF_SENSORS:
+            c[name] = get(name, NEUTRAL[name])
+        c["gyro_delay"] -= log.retimed
+        c["nozzle_bias"] = get("nozzle_bias")
         c["sign_rate"] = max(SIGN_SHARE * log.scales.omega, 1e-9)
         c["walk_time"], c["turbulence_time"] = self.air.walk_time, self.air.turbulence_time
         c["inertia"], c["command_period"] = get("inertia"), log.tick

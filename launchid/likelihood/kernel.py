@@ -411,8 +411,9 @@ def run(t, z, u, rows, modes, numbers, frozen, E, S, K, X, A, C):  # noqa: PLR09
 
     t (n + 1,) times [s], z (n, 3) theta, theta_dot, beta, NaN where not measured; u (n, steps) commands, each the mean
     over its step; rows (n,) ROW and modes (n, m) MODE, over each row; numbers (1,) NUMBERS
-    E (n, 3) innovations, S (n, 3) their variances, NaN where none; K (n, 3, states) gains; X (n, states) filtered
-    states; A (n, 3) slopes of omega' in theta, omega, b; C (n, states, states) covariances of X, or none: out
+    E (n, 3) innovations, 0 where nothing was measured; S (n, 3) their variances, NaN there; K (n, 3, states) gains; X
+    (n, states) filtered states; A (n, 3) slopes of omega' in theta, omega, b; C (n, states, states) covariances of X,
+    or none: out
     """
     c, n, states = numbers[0], len(z), CORE + 2 * modes.shape[1]
     x, P, F, s = np.zeros(states), np.zeros((states, states)), np.zeros((states, states + 1)), np.zeros(9)

@@ -36,7 +36,7 @@ class Parameters(NamedTuple):
 class Run(NamedTuple):
     """The filter's run over a log; states are kernel.TH, OM, M, G, B, V and two of each mode.
 
-    E, S  (n, 3) innovations and their variances, NaN where nothing was measured;  K (n, 3, states) gains
+    E, S  (n, 3) innovations, 0 where nothing was measured, and their variances, NaN there;  K (n, 3, states) gains
     X     (n, states) filtered states;  A (n, 3) slopes of omega' in theta, omega, beta;  C (n, states, states)
           covariances of X, (0, states, states) if they were not asked for
     """

@@ -196,31 +196,23 @@ def airframe_of(nominal: Nominal, t: float = 0.0, seen: Sequence[Any] = (), told
     told    how well the damping is known, None: it is the nominal's
     shared  `Estimate.modes_covariance`, None: the modes' numbers have nothing in common with a6 and k1
     """
-    damping, gain = 0.0, 1.0
     modes, std = modes_at(nominal, t)
     for each in seen:
         k = next(k for k, mode in enumerate(modes) if mode.name == each.name)
         modes[k] = modes[k]._replace(frequency=each.frequency, size=each.size)
         std[2 * k:2 * k + 2] = each.frequency_std, each.size_std
-    z_alpha, z_beta = (0.0, 0.0) if nominal.drift is None else (float(x) for x in nominal.drift.at(np.array(t)))
-    further = Further(z_alpha, z_beta)
+    changes = packed(nominal)
+    damping, gain = changes.aero_damping, changes.actuator_gain
+    further = Further(**{name: getattr(changes, name) for name in Further._fields if hasattr(changes, name)})
+    if nominal.drift is not None:
+        z_alpha, z_beta = (float(x) for x in nominal.drift.at(np.array(t)))
+        further = further._replace(z_alpha=further.z_alpha + z_alpha, z_beta=further.z_beta + z_beta)
     for effect in nominal.effects:
         given = values(effect)
         match effect.name:
             case "friction" | "attitude_delay" | "gyro_delay":
                 raise InputError(f"{nominal.path}: effect {effect.name!r}: the frozen loop has no model of it; "
                                  + REFUSED[effect.name])
-            case "aero_damping":
-                damping += float(given["coefficient"])
-            case "actuator_gain":
-                gain *= float(given["scale"])
-            case "lateral_drift":
-                further = further._replace(z_alpha=further.z_alpha + float(given["z_alpha"]),
-                                           z_beta=further.z_beta + float(given["z_beta"]))
-            case "nozzle_inertia":
-                further = further._replace(nozzle_inertia=further.nozzle_inertia + float(given["coefficient"]))
-            case "gyro_scale":
-                further = further._replace(gyro_scale=further.gyro_scale * float(given["scale"]))
             case "input_washout":
                 further = further._replace(washout=float(given["time_constant"]) if math.isfinite(
                     float(given["time_constant"])) else 0.0)

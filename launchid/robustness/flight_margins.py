@@ -304,7 +304,7 @@ def frozen_words(windows: Sequence[WindowMargins]) -> str:
 
 
 def servo_json(servo: Servo, std: np.ndarray) -> dict[str, Any]:
-    """Return the servo's numbers as JSON, of one of first order its time constant [s] and delay [s]."""
+    """Return the servo's numbers as JSON; those of a first-order servo are its time constant [s] and delay [s]."""
     if servo.is_first_order:
         return {"time_constant": {"value": 1.0 / float(servo.mean[0]), "std": float(std[0] / servo.mean[0]**2)},
                 "delay": {"value": float(servo.mean[2]), "std": float(std[2])}}

@@ -115,7 +115,7 @@ def reflect(v, tau, columns, first, last, start, stop):
 
 @inner
 def turn(a, b, pivot, stop):
-    """Givens rotation of the rows a and b (>=stop,) after which b[pivot] is 0 (Golub & Van Loan, 5.1.8)."""
+    """Rotate the rows a and b (>=stop,) in place so that b[pivot] becomes 0 (Givens; Golub & Van Loan, 5.1.8)."""
     size = math.sqrt(a[pivot] * a[pivot] + b[pivot] * b[pivot])
     if size == 0.0:
         return

@@ -111,7 +111,7 @@ def delayed_input(constant, fil):
 
 @inner
 def take_command(belief, known, fil, command):
-    """Shift a command into the history: only as far as the delay needs, or all of it where it is not known."""
+    """Shift a command into the history, as far as the delay reaches back; all of it where the delay is estimated."""
     constant = belief.constant
     depth = min(int(constant.delay / constant.controller_period) + 1, sx.MAX_DELAY_SAMPLES - 1)
     if belief.size.servo > 0:

@@ -36,7 +36,10 @@ def autoregression(v):
 
 @inner
 def bandwidth(above, below, count):
-    """Return the lags L, 0..count/2, of series of `count` numbers, of which `autoregression` gave above/below."""
+    """Return how many lags L (0..count/2) the sum S goes over, for series of `count` numbers (Andrews, eq. 6.2).
+
+    above, below  sums over the series of what `autoregression` returns
+    """
     if not below > 0.0:
         return 0
     cube = BARTLETT * BARTLETT * BARTLETT * count * above / below

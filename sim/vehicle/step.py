@@ -89,7 +89,7 @@ def wind_at(wind, i):
 @inner
 def runge_kutta_4(f, i, n, u, disturbance):
     """Integrate theta, theta_dot, gamma and the plant's modes from step i over n steps at once, by the classical
-    fourth-order scheme; the nozzle, which no vehicle moves, is moved first.
+    fourth-order scheme.  The nozzle is moved first, since the vehicle's motion does not act on it.
 
     f (`Vehicle`) is inout; u [rad] is the servo's input and `disturbance` [rad/s^2] the unmodelled acceleration, both
     held; the wind is linear over the step.

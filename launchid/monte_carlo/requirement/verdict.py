@@ -54,10 +54,10 @@ def _none_below_0(allowed: int) -> int | None:
 
 
 def quantile(count: Count, flights: Flights) -> dict[str, Any]:
-    """Return the order statistic that is above the metric's quantile of order 1 - probability, with the confidence.
+    """Return the JSON of an upper bound of the metric's quantile of order 1 - probability, at the confidence asked for.
 
-    A flight that is lost, or has no result, counts as beyond all others; None if it is the statistic, or flights are
-    few.
+    The bound is an order statistic.  A flight that is lost, or has no result, counts as beyond all others; the value is
+    None if the statistic is such a flight, or flights are too few for one.
     """
     asked = count.requirement
     rank = count.rule.allowed(count.flights) + 1
