@@ -77,7 +77,8 @@ def uncertainty(log: LogSource, nominal: NominalSource, *, window: float | str =
         estimates = level.follow(seen, believed, length)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    warnings = (*seen.warnings, *said, *lines(seen, tested(seen, nominal, estimates)))
+    told = tested(seen, nominal, estimates, level.config_of(seen, believed, length))
+    warnings = (*seen.warnings, *said, *lines(seen, told))
     return UncertaintyLevel(seen.log, nominal, length, estimates, level.report(estimates), warnings)
 
 

@@ -76,7 +76,7 @@ def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional
         judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])
     if seen.sensed is not None and seen.sensed.nozzle_scale != 1.0:
         judged = replace(judged, estimates=[between_scales(e, seen.sensed.nozzle_scale) for e in judged.estimates])
-    told = tested(seen, seen.nominal, judged.estimates) if is_filtered else FITS
+    told = tested(seen, seen.nominal, judged.estimates, config) if is_filtered else FITS
     if told.refuses:
         judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])
     return Identified(seen, config, estimator, estimates, judged, is_weak, told)

@@ -33,14 +33,19 @@ DECLARED = 0.3       # of a declared mode's frequency, to either side, in which 
 
 
 class Line(NamedTuple):
-    """A line: its frequency [rad/s], and its power over that of its surroundings."""
+    """A mode or tone that is missing: its frequency [rad/s], its power over that of its surroundings (of slosh its size
+    in standard deviations), `bending` or `slosh`."""
 
     frequency: float
     ratio: float
+    kind: str = "bending"
 
     @property
     def words(self) -> str:
         """What was found and what to do, in words."""
+        if self.kind == "slosh":
+            return (f"the log contradicts the nominal, and does not with a slosh near {self.frequency:.3g} rad/s: "
+                    f"declare [[slosh]] near {self.frequency:.3g} rad/s")
         return (f"theta_dot has a line near {self.frequency:.3g} rad/s, {self.ratio:.2g} times its surroundings, of "
                 f"which the nominal has no mode: declare [[bending]] near {self.frequency:.3g} rad/s")
 

@@ -15,13 +15,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from launchid_core import Estimate
+from launchid_core import Config, Estimate
 from sim.nominal import Actuator, Nominal
 
 from ..formatting import with_std
 from ..log.check import CheckedLog
 from ..log.loop import Loop, loop_of
 from .line import Line, undeclared_line
+from .slosh import undeclared_slosh
 from .table import TESTS
 
 MANY = 0.25            # of the windows that tell: a nominal may be like another for a part of the flight
@@ -44,7 +45,7 @@ class NominalTest:
     """What the comparison of a log with its nominal found.
 
     decisive   numbers of the vehicle that do not fit, in words;  doubts  those of controller and servo
-    mode       a line of the log of which the nominal has no mode
+    mode       a line or a slosh of the log of which the nominal has no mode
     hint       what to declare where windows contradict the model, "" if the loop shows nothing
     """
 
@@ -70,8 +71,8 @@ class NominalTest:
             return "identify with the nominal of the vehicle that flew, or without one"
         if self.mode is None:
             return ""
-        return (f"declare [[bending]] near {self.mode.frequency:.3g} rad/s in the nominal; `launchid diagnose` tells "
-                "its size")
+        return (f"declare [[{self.mode.kind}]] near {self.mode.frequency:.3g} rad/s in the nominal; `launchid "
+                "diagnose` tells its size")
 
     def line(self, nominal: Nominal) -> str:
         """Return one line that says which numbers do not fit; "" if all do."""
@@ -89,16 +90,16 @@ class NominalTest:
 FITS = NominalTest()   # nothing that does not fit
 
 
-def tested(seen: CheckedLog, nominal: Nominal | None, estimates: Sequence[Estimate]) -> NominalTest:
+def tested(seen: CheckedLog, nominal: Nominal | None, estimates: Sequence[Estimate], config: Config) -> NominalTest:
     """Compare a log with its nominal; a log with a column of another quantity is not asked.
 
-    estimates  of the windows, by the filtered formulation with this nominal
+    estimates  of the windows, by the filtered formulation with this nominal, as `config` has it
     """
     if nominal is None or seen.foreign:
         return FITS
     loop = loop_of(seen, nominal)
-    return NominalTest(_own(nominal, estimates), tuple(_loop(loop, nominal)), undeclared_line(seen, nominal),
-                       _hint(loop, nominal))
+    mode = undeclared_line(seen, nominal) or undeclared_slosh(seen, config, estimates)
+    return NominalTest(_own(nominal, estimates), tuple(_loop(loop, nominal)), mode, _hint(loop, nominal))
 
 
 def lines(seen: CheckedLog, told: NominalTest) -> tuple[str, ...]:

@@ -89,6 +89,10 @@ TESTS = {
         "the nominal has every mode and tone of the log",
         "periodogram of what it leaves of theta_dot over its surroundings", 1e-5, "chance of a false line in a log",
         "Welch 1967; chi square of the mean of periodograms"),
+    "no undeclared slosh": Test(
+        "the nominal has every slosh of a log that contradicts it",
+        "size of a slosh with which nothing contradicts the model any more", 3.0, "standard deviations",
+        "a filter that has the slosh is not contradicted by it"),
     "servo of the nominal": Test(
         "the servo is the nominal's", "speed at which it explains the nozzle best", 3.0, "times, either way",
         "servos of faults are 0.5 to 2 times as fast"),

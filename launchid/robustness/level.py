@@ -40,19 +40,22 @@ def require_cover(log: Log, nominal: Nominal, profile: Profile, section: str) ->
                          f"the times of {log.path}")
 
 
+def config_of(seen: CheckedLog, nominal: Nominal, window: float) -> Config:
+    """Return how a log's level is followed in windows of `window` [s]."""
+    return Config(window=window, sample_period=seen.log.period, formulation="filtered", max_gap=seen.bridged or None,
+                  model=ranged_model(nominal, seen.log.period, seen.log.path))
+
+
 def follow(seen: CheckedLog, nominal: Nominal, window: float) -> list[Estimate]:
     """Return an estimate with uncertainty level per window of `window` [s]; none is valid if columns hold another
     quantity, or the nominal is of another vehicle. InputError: a profile does not cover the log; ValueError: window out
     of range."""
-    log = seen.log
-    model = ranged_model(nominal, log.period, log.path)
+    log, config = seen.log, config_of(seen, nominal, window)
     assert nominal.uncertainty is not None
     require_cover(log, nominal, nominal.vehicle, "vehicle")
     require_cover(log, nominal, nominal.uncertainty, "uncertainty")
-    config = Config(window=window, sample_period=log.period, formulation="filtered", model=model,
-                    max_gap=seen.bridged or None)
     estimates, _ = run(config, seen.estimated.rows())
-    is_other = bool(seen.foreign) or tested(seen, nominal, estimates).refuses
+    is_other = bool(seen.foreign) or tested(seen, nominal, estimates, config).refuses
     return [_unknown(estimate) for estimate in estimates] if is_other else estimates
 
 

@@ -54,3 +54,21 @@ def test_a_log_without_a_gyro_is_not_asked():
     nominal = load_nominal("constant")
     bare = launchid.read_log({"t": log.t, "theta": log.theta, "beta": log.beta})
     assert undeclared_line(checked(bare, nominal), nominal) is None
+
+
+def test_an_undeclared_slosh_refuses_the_windows_before_it_contradicts_too():
+    """Two per cent near 3.4 rad/s: the filter alone gives half of the windows, off by up to three deviations."""
+    log = flown("constant", "slosh:coupling=0.02,frequency=3.4,damping_ratio=0.01", seed=4)
+    found = launchid.identify(log, "constant", tracked=True)
+    windows = found.report["windows"]
+    assert not any(window["valid"] or window["tracked"]["valid"] for window in windows)
+    assert "[[slosh]]" in found.report["next"] and any("near 3.39 rad/s" in line for line in found.warnings)
+    level = launchid.uncertainty(log, "constant")
+    assert not any(window["valid"] for window in level.report["windows"])
+
+
+@pytest.mark.parametrize("effect", ["aero_damping:coefficient=0.2", "gust:angle=0.05,time=30,duration=6"])
+def test_what_contradicts_otherwise_is_no_slosh(effect):
+    found = launchid.identify(flown("constant", effect), "constant")
+    assert "MODEL" in {window["status"] for window in found.report["windows"]}
+    assert not any("[[slosh]]" in line for line in found.warnings)
