@@ -5,6 +5,7 @@ is left costs more on left-out blocks than its error.  A number that the nominal
 its band, not to its value.  (Efroymson 1960, with the score of `score`.)
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -13,9 +14,9 @@ import numpy as np
 
 from sim.effects import CATALOGUE
 
-from ..likelihood.estimate import Fit, evaluate, gauss_newton, inverse, slopes
+from ..likelihood.estimate import Fit, evaluate, gauss_newton, gram, inverse, objective, slopes
 from ..selection import step_by_step
-from ..sums import combined, square
+from ..sums import along, combined, square
 from .model import Model
 from .numbers import KINEMATIC
 from .score import compare, deviations, left_out
@@ -38,6 +39,7 @@ MOST = 0.5             # of what the full model saves: what saves less is not th
 CLEAR_Z = 1.65         # standard errors that are enough for what saves more in a stranger's log
 ONE_OF = 12.0          # squares by which one of a set of twins may be worse than all of them, to stand for them
 AT_END = 0.01          # of an end of a shape's range, within which it stands at it
+RIVAL_SHARE = 0.6      # of what another saves, from which a rival is fitted in its place
 RIVAL_MARGIN = 0.02    # of what a cause saves, within which another in its place does as well
 SAME_EFFECT = ((("null_angle", "nozzle_bias"), "misalignment"),)   # two, of opposite signs, do what one does
 SAME_LAW = {"washout": "damping", "damping": "washout"}   # of a vehicle without stiffness, at the same value [1/s]
@@ -198,8 +200,28 @@ class Search:
         m = self.m
         everything = tuple(range(len(m.table.numbers)))
         full = gauss_newton(m, p, everything, frozenset(), 4)
+        return self.ended(full, left_out(m, full), full, self.groups)
+
+    def go_on(self, el: Elimination, p: np.ndarray) -> Elimination:
+        """Eliminate again what an elimination kept, beside shapes that were added to the model since; p: the numbers of
+        its full fit with theirs."""
+        m, n = self.m, len(el.full.p)
+        added, sizes = tuple(range(n, len(p))), [j for g in self.groups for j in g.numbers[:g.linear] if j >= n]
+        q = p.copy()
+        q[sizes] = 0.0
+        J = slopes(m, el.full._replace(p=q), added)   # where their sizes are 0 they change nothing
+        full = el.full._replace(p=p, J=np.column_stack([el.full.J, J]), free=(*el.full.free, *added))
+        q = np.concatenate([el.final.p, p[n:]])
+        fit = gauss_newton(m, q, (*el.final.free, *added), el.final.band, 3)
+        kept = {k.group.name for k in el.kept}
+        live = [g for g in self.groups if g.name in kept or g.numbers[0] >= n]
+        return self.ended(full, el.e_full, fit, live)
+
+    def ended(self, full: Fit, e_full: np.ndarray, fit: Fit, live: list[Group]) -> Elimination:
+        """Take the groups `live` away from a fit, beginning with it; full, e_full: everything free, its left-out
+        errors."""
+        m = self.m
         self.full = full
-        e_full = left_out(m, full)
         self.unit = max(float(np.mean(e_full**2)), 0.2)
         std_full = deviations(m, full, self.unit)
         band = frozenset(j for g in self.groups if g.has_band for j in g.numbers)
@@ -212,7 +234,8 @@ class Search:
         C = inverse(m, full)
         s = 1.0 / np.sqrt(np.diag(C))
         self.correlation = np.abs(C * np.outer(s, s))
-        fit, live, best, e_end = self.take_away(full, e_nominal, e_full)
+        e_begin = e_full if fit is full else left_out(m, fit)
+        fit, live, best, e_end = self.take_away(fit, live, e_nominal, e_begin)
         fit, live, e_end = self.by_one(fit, live, e_end)
         fit = fit._replace(J=slopes(m, fit, fit.free))
         kept, fit, e_end, live, idle = self.judged(fit, live, e_nominal, best, e_end)
@@ -231,9 +254,9 @@ class Search:
         """Return the largest |correlation| between sizes of two groups in the full fit."""
         return max(float(self.correlation[i, j]) for i in a.numbers[:a.linear] for j in b.numbers[:b.linear])
 
-    def clusters(self) -> list[list[Group]]:
+    def clusters(self, live: list[Group]) -> list[list[Group]]:
         """Return the sets of groups that correlate beyond TWIN, directly or through others."""
-        left, out = list(self.groups), []
+        left, out = list(live), []
         while left:
             cluster = [left.pop(0)]
             for one in cluster:
@@ -244,12 +267,12 @@ class Search:
                 out.append(cluster)
         return out
 
-    def take_away(self, fit: Fit, e_nominal: np.ndarray,
+    def take_away(self, fit: Fit, live: list[Group], e_nominal: np.ndarray,
                   e_end: np.ndarray) -> tuple[Fit, list[Group], np.ndarray, np.ndarray]:
         """Take groups away while errors allow it; return fit, groups left, best left-out errors, the fit's."""
-        m, live = self.m, list(self.groups)
+        m, live = self.m, list(live)
         least = e_end
-        for cluster in self.clusters():
+        for cluster in self.clusters(live):
             C = inverse(m, fit)
             others = [[g for g in cluster if g is not one] for one in cluster]
             cost, k = min((self.cost(fit, C, rest), k) for k, rest in enumerate(others))
@@ -303,7 +326,7 @@ class Search:
             if len(two) < len(pair) or one not in named:
                 continue
             rest = self.without(fit, two, 3)
-            again = rest if named[one] in live else self.with_other(rest, named[one])
+            again = rest if named[one] in live else self.with_other(rest, named[one]) or rest
             e = left_out(self.m, again)
             gain, error = compare(self.m, e, e_end, self.unit)
             if gain < ALIKE_Z * error:
@@ -331,16 +354,21 @@ class Search:
                     if other is g or other in live or (self.related(g, other) < RELATED_CORRELATION
                                                        and not is_same and not is_form):
                         continue
-                    again = self.with_other(rest, other, fit.p[list(g.numbers)] if is_same else None)
+                    most = objective(m, fit.e, fit.p) + (1.0 - RIVAL_SHARE) * max(gain, MIN_SQUARES_SAVED)
+                    again = self.with_other(rest, other, fit.p[list(g.numbers)] if is_same else None, most)
+                    if again is None or self.is_at_an_end(again, other):
+                        continue
                     ei = left_out(m, again)
                     gi, si = compare(m, ei, e_end, self.unit)
                     is_common = g.kind in RARE and other.kind not in RARE and not other.is_event and gi < ALIKE_Z * si
-                    is_alike = gi < max(ALIKE_Z * si, RIVAL_MARGIN * gain)
+                    pays = not (other.is_event and not g.is_event)   # a time searched for saves something by itself
+                    margin = pays * RIVAL_MARGIN * gain
+                    is_alike = gi < max(pays * ALIKE_Z * si, margin)
                     is_common |= is_alike and ((other.is_listed and not g.is_listed) or (is_same and g.kind in RARE))
                     if (gi < -si or is_common) and swap is None and other.kind not in SHAPES_OF_NUMBERS:
                         swap = (again, [each for each in live if each is not g] + [other], ei)
                     z = Z if is_form else TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z
-                    if gi < z * si or gi < RIVAL_MARGIN * gain:
+                    if gi < z * pays * si or gi < margin:
                         alike.append(FORMS[FAMILY[other.name][0]] if is_form else other.cause)
                 kept.append(Kept(g, gain, error, gain / removable, tuple(alike), rest.p, std))
             if swap is None or turn == 2:
@@ -363,13 +391,21 @@ class Search:
         m, fit = self.m, self.without(fit, gone, 3)
         return self.judged(fit._replace(J=slopes(m, fit, fit.free)), live, e_nominal, best, left_out(m, fit))
 
-    def with_other(self, rest: Fit, other: Group, start: np.ndarray | None = None) -> Fit:
+    def with_other(self, rest: Fit, other: Group, start: np.ndarray | None = None,
+                   most: float = math.inf) -> Fit | None:
         """Return the fit `rest`, from which a group is out, refitted with the group `other` in, from the numbers
-        `start`; None: those of the full fit."""
+        `start` (None: those of the full fit); None if by its slopes it leaves more than `most` squares."""
         m, p = self.m, rest.p.copy()
         p[list(other.numbers)] = self.full.p[list(other.numbers)] if start is None else start
         free = tuple(sorted({*rest.free, *other.numbers}))
-        new = slopes(m, evaluate(m, p), other.numbers)
+        at = evaluate(m, p)
+        new = slopes(m, at, other.numbers)
         J = np.column_stack([new[:, other.numbers.index(j)] if j in other.numbers else rest.J[:, rest.at(j)]
                              for j in free])
+        F = list(free)
+        w = m.table.prior[F]**-2.0
+        b = along(J, at.e) + w * (p - m.table.null)[F]
+        A = gram(J) + np.diag(w)
+        if objective(m, at.e, p) - float(b @ np.linalg.solve(A + 1e-12 * np.diag(np.diag(A)), b)) > most:
+            return None
         return gauss_newton(m, p, free, rest.band - set(other.numbers), 2, J)

@@ -28,7 +28,7 @@ from .elimination import Search
 from .known import SCORE_BLOCKS, KnownLog
 from .model import Model
 from .numbers import FORM, KINEMATIC, TOLERANCE_SIGMAS
-from .start import all_of, best_delay, limited
+from .start import all_of, best_delay, best_start
 from .track import Track
 from .verdict import Result, decided
 
@@ -158,7 +158,7 @@ def diagnose_jointly(logs: Sequence[Log], nominal: Nominal, noise: str = "bounde
         return why
     say("all flights: everything free")
     m = with_own(Model.of_log(joined([each.track for each in readings if each.track is not None]), noise))
-    plain, start = limited(m) if m.log.is_commanded and m.log.is_flown else (m, best_delay(m))
+    plain, start = best_start(m) if m.log.is_commanded and m.log.is_flown else (m, best_delay(m))
     fit = gauss_newton(m, start if len(plain.shapes) == len(m.shapes) else m.table.null, all_of(m), frozenset(), 3)
     for _ in range(2):
         m = fit_levels(m, fit.p)

@@ -7,9 +7,10 @@ import numpy as np
 from ..likelihood.estimate import Fit, evaluate, fit_levels, gauss_newton, log_likelihood
 from ..sums import square
 from .candidates import CANDIDATE_KINDS
+from .elimination import RIVAL_SHARE
 from .model import Model
 from .noise import WEATHER
-from .scan import RIVAL_SHARE, SQUARES_PROMISED, Found, scan, with_shape
+from .scan import SQUARES_PROMISED, Found, Scanner, scan, with_shape
 
 SERVO_DELAYS = (0.008, 0.015, 0.025, 0.04, 0.07, 0.12)  # s, delays of a servo that are tried
 SLOW_SERVOS = (0.6, 0.35, 0.2, 0.12)   # of its bandwidth, of a servo that are tried
@@ -21,7 +22,7 @@ MOST_SHAPES = 3        # shapes that are taken into a model
 
 def everything(m: Model) -> tuple[Model, np.ndarray]:
     """Fit every usual number, the shapes that the scan finds and the noise levels; return the model and the numbers."""
-    m, start = limited(m) if m.log.is_commanded and m.log.is_flown else (m, best_delay(m))
+    m, start = best_start(m) if m.log.is_commanded and m.log.is_flown else (m, best_delay(m))
     fit = gauss_newton(m, start, all_of(m), frozenset(), 3)
     m = fit_levels(m, fit.p)
     fit = gauss_newton(m, fit.p, fit.free, frozenset(), 3)
@@ -68,21 +69,25 @@ def with_found(m: Model, fit: Fit, p: np.ndarray, least: float = 0.0) -> tuple[M
     return m, p
 
 
-def limited(m: Model) -> tuple[Model, np.ndarray]:
-    """Return the model and numbers to start from: with a rate limit, a play, a delay, a slower servo or a trim where
-    one leaves clearly less than none, for a servo so limited or so late, or a vehicle that its trim has lost, is no
-    small forcing of another."""
+def best_start(m: Model) -> tuple[Model, np.ndarray]:
+    """Return the model and numbers to start from: with a shape, a delay, a slower servo or a trim where one leaves
+    clearly less than none, for a servo so limited or so late, a mode that swings as far as the vehicle, or a vehicle
+    that its trim has lost, is no small forcing of another."""
     null, at = m.table.null, m.table.index
     plain = square(evaluate(m, null).e)
     late = np.repeat(null[None], len(SERVO_DELAYS) + len(SLOW_SERVOS), axis=0)
     late[:len(SERVO_DELAYS), at("delay")] += SERVO_DELAYS
     late[len(SERVO_DELAYS):, at("bandwidth")] *= SLOW_SERVOS
-    trimmed = [gauss_newton(m, null, (at("misalignment"),)).p] if "misalignment" in m.table else []
-    least, p = min(((square(evaluate(m, q).e), q) for q in (*late, *trimmed)), key=lambda each: each[0])
-    best = (m, p)
-    for kind in (kind for kind in CANDIDATE_KINDS if kind.cause and kind.place == "actuator" and kind.fits(m)):
-        for values in kind.starts(m):
-            tried = with_shape(m, null, Found(kind, values, np.ones(1), plain))
+    trim = gauss_newton(m, null, tuple(at(name) for name in ("misalignment",) if name in m.table))
+    least, p = min(((square(evaluate(m, q).e), q) for q in (*late, trim.p)), key=lambda each: each[0])
+    best, scanner = (m, p), Scanner(m, trim)
+    for kind in (kind for kind in CANDIDATE_KINDS if kind.cause and kind.bounds and kind.fits(m) and kind.starts(m)):
+        if kind.place == "actuator":
+            found = [(m, null, Found(kind, values, np.ones(1), plain)) for values in kind.starts(m)]
+        else:
+            found = [(scanner.m, trim.p, each) for each in (scanner.best(kind),) if each is not None]
+        for model, start, each in found:
+            tried = with_shape(model, start, each)
             left = square(evaluate(*tried).e)
             if left < least:
                 least, best = left, tried

@@ -26,7 +26,7 @@ from .gain import Gain, held_out
 from .model import Model, Stopped
 from .noise import WEATHER
 from .numbers import FORM, KINEMATIC, TOLERANCE_SIGMAS
-from .scan import with_products
+from .scan import with_rivals
 from .score import covariance
 from .start import everything, with_found
 
@@ -145,9 +145,9 @@ def examined(m: Model, reading: Reading, nominal: Nominal, holdout: Log | None, 
     m, p = with_found(m, el.final, el.full.p)   # shapes that show once the numbers that are not needed are gone
     if len(p) > len(el.full.p):
         el = Search(m, notes).run(p)
-    wider, p = with_products(m, el)
+    wider, p = with_rivals(m, el)
     if len(p) > len(el.full.p):
-        rival = Search(wider, notes).run(p)
+        rival = Search(wider, notes).go_on(el, p)
         if square(rival.e_final) < square(el.e_final) + MIN_SQUARES_SAVED:   # else it found a worse minimum
             m, el = wider, rival
     say("held-out gain")

@@ -11,9 +11,10 @@ from launchid.diagnosis.answer import lines, report
 from launchid.diagnosis.believed import bending
 from launchid.diagnosis.candidates import CANDIDATE_KINDS, lines_in
 from launchid.diagnosis.model import Model
+from launchid.diagnosis.scan import SQUARES_PROMISED, Scanner
 from launchid.diagnosis.verdict import diagnose
 from launchid.likelihood.command import nozzle_input, played
-from launchid.likelihood.estimate import evaluate, fit_levels, level_deviation
+from launchid.likelihood.estimate import evaluate, fit_levels, gauss_newton, level_deviation
 from launchid.log.log import flown_log, log_of_values
 from sim.effects import CATALOGUE, from_text
 from sim.flight import fly_whole
@@ -36,6 +37,27 @@ def clean():
 
 
 # ---- the answer with a known truth
+
+
+@pytest.mark.parametrize(("cause", "most"), [("control_loss", 5.0), ("control_slope", 1e9)])
+def test_a_sudden_loss_saves_at_its_time_alone_and_a_slope_is_no_loss(cause, most):
+    log, label = hidden((cause,), 71043, reference="rough")
+    m = Model.of(read(log, load_nominal("constant")).track)
+    numbers = tuple(j for j, each in enumerate(m.table.numbers) if each.name != "k1_slope")
+    loss = next(kind for kind in CANDIDATE_KINDS if kind.name == "control_loss")
+    found = Scanner(m, gauss_newton(m, m.table.null, numbers)).best(loss)
+    is_loss = found.saves > SQUARES_PROMISED and found.chance < most
+    assert is_loss == (cause == "control_loss"), found
+    if is_loss:
+        assert found.values[0] == pytest.approx(label.causes[0]["parameters"]["time"], abs=0.1)
+
+
+@pytest.mark.parametrize(("cause", "seed"), [pytest.param("control_loss", 91015, marks=LONG),
+                                             pytest.param("control_slope", 71043, marks=LONG)])
+def test_what_k1_does_in_time_has_one_name(cause, seed):
+    log, _ = hidden((cause,), seed, reference="rough")
+    found, = diagnose(log, load_nominal("constant")).named
+    assert (found.cause, found.alike) == (cause, ())
 
 
 def test_the_answer_is_the_contracts():
