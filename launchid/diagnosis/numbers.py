@@ -24,7 +24,8 @@ def usual(log: KnownLog) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table wi
     """Return the numbers that every model of this log has, with nominal value, tolerance, prior and range."""
     s, d = log.scales, log.nominal.diagnosis
     a6, k1 = log.a6, log.k1
-    has_input = bool(np.any(k1 != 0.0)) or "beta" in log.terms
+    is_linear = bool(np.any(k1 != 0.0)) or "beta" in log.terms
+    has_input = is_linear or any("beta" in term for term in log.terms)
     row = log.period
     acc, tol = s.acceleration, TOLERANCE_SIGMAS * d.tolerance
     offsets = log.nominal.offsets or Offsets()
@@ -48,7 +49,7 @@ def usual(log: KnownLog) -> list[Number]:  # noqa: PLR0912, PLR0915 - a table wi
         if name in LIBRARY:
             prior = abs(value) * LARGEST_SHIFT + (2.0 * acc if name == "1" else 0.0)
             add("term " + name, value, tol * abs(value), prior, "missing_term", name)
-    if has_input:
+    if is_linear:
         add("k1", 1.0, tol, LARGEST_SHIFT, "control_effectiveness", "scale")
         wears = 0.0 if log.is_flown else 2.0 * tol / span    # within the tolerance of k1 from end to end of the log
         add("k1_slope", 0.0, wears, 2.0 / span, "control_slope", "slope")

@@ -14,6 +14,9 @@ from launchid.diagnosis.answer import extension, report
 from launchid.diagnosis.model import Model
 from launchid.diagnosis.verdict import diagnose
 from launchid.likelihood.estimate import evaluate
+from launchid.log.log import log_of_values
+from sim.nominal.reader import nominal_of
+from sim.nominal.table import Table
 
 BENCHMARKS = Path(__file__).resolve().parents[3] / "benchmarks"
 
@@ -58,6 +61,26 @@ def test_the_lateness_of_an_input_does_not_depend_on_its_form(strangers):
     settled = known.t[:-1] > known.t[0] + 2.0
     for each in sent.values():
         assert np.allclose(each[settled], sent[0.0][settled], atol=1e-6)
+
+
+def test_an_input_that_acts_by_its_square_alone_may_be_late_too():
+    rng, late, step, every = np.random.default_rng(7), 0.08, 1e-3, 10
+    t = np.arange(0.0, 16.0, step)
+    sent = np.repeat(rng.uniform(0.2, 1.2, 1 + len(t) // 700), 700)[:len(t)]
+    theta, omega, rows = 0.0, 0.0, []
+    for u in np.concatenate([np.full(round(late / step), sent[0]), sent])[:len(t)]:
+        rows.append((theta, omega))
+        omega += step * (-20.0 * np.sin(theta) - 1.0 * omega + 15.0 * u * u)
+        theta += step * omega
+    seen = np.array(rows)[::every] + rng.normal(size=(len(t) // every, 2)) * (1e-3, 1e-2)
+    log = log_of_values("square", {"t": t[::every], "theta": seen[:, 0], "theta_dot": seen[:, 1],
+                                   "beta_cmd": sent[::every]})
+    table = {"vehicle": {"terms": {"sin(theta)": -20.0, "theta_dot": -1.0, "beta^2": 15.0}},
+             "sensors": {"period": 0.01, "theta_std": 1e-3, "theta_dot_std": 1e-2, "beta_std": 1e-3},
+             "actuator": {"natural_frequency": 500.0, "damping_ratio": 0.7}}
+    found, = diagnose(log, nominal_of(Table(Path("square.toml"), table | {"name": "square"}))).named
+    assert found.cause == "actuator_delay"
+    assert found.values["delay"] == pytest.approx(late, abs=0.01)
 
 
 def test_the_motion_that_no_model_has_is_a_state_of_a_strangers_log_alone(strangers):
