@@ -31,7 +31,7 @@ from sim.kernels import kernel
 from ..controller.fit import Answered, FittedLaw, law_of_numbers
 from ..controller.law import shift
 from ..series import filled, white_variance
-from ..sums import along, products, square
+from ..sums import along, inner, products, square
 from .lft import exponential
 
 BURN = 1.0           # s that the filter needs to settle
@@ -183,7 +183,7 @@ class Model:
         seen[:, 3] = told[::data.m]
         innovations(A, K, C, inputs, seen, data.y, data.m, e)
         e = e[round(BURN / (data.period * data.m)):]
-        value = -0.5 * (len(e) * size + float(np.sum((e @ inverse) * e)))
+        value = -0.5 * (len(e) * size + inner(weighed(e, inverse).ravel(), e.ravel()))
         if not math.isfinite(value):
             return none
         off, levels = self.weight @ (p[:6] - self.prior), (p[k:] - self.start) / LEVEL_DOUBT
@@ -206,12 +206,11 @@ class Model:
                 continue
             slopes[j], spread[j] = (e1 - e) / h[j], (inside1 - inside) / h[j]
         inverse, n = np.linalg.inv(inside), len(e)
-        weighed = e @ inverse
-        turned = inverse @ spread
-        gradient = -np.einsum("kni,ni->k", slopes, weighed) - 0.5 * n * np.trace(turned, axis1=1, axis2=2) \
-            + 0.5 * np.einsum("ij,kij->k", weighed.T @ weighed, spread)
+        left, turned = weighed(e, inverse), inverse @ spread
+        gradient = -np.einsum("kni,ni->k", slopes, left) - 0.5 * n * np.trace(turned, axis1=1, axis2=2) \
+            + 0.5 * np.einsum("ij,kij->k", products(left, left), spread)
         flat = slopes.reshape(len(p), -1)
-        information = flat @ (slopes @ inverse).reshape(len(p), -1).T \
+        information = np.einsum("kn,ln->kl", flat, weighed(slopes, inverse).reshape(len(p), -1)) \
             + 0.5 * n * np.einsum("kij,lji->kl", turned, turned)
         own = self.weight.T @ self.weight
         gradient[:6] -= own @ (p[:6] - self.prior)
@@ -242,6 +241,11 @@ class Model:
             if not math.isfinite(value) or value - before < SETTLED:
                 break
         return p, value, information
+
+
+def weighed(e: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Return innovations or slopes (..., n, 4) times the inverse of their covariance (4, 4)."""
+    return np.asarray(np.einsum("...i,ij->...j", e, inverse))
 
 
 class System(NamedTuple):
@@ -504,7 +508,7 @@ def _doubts(model: Model, p: np.ndarray) -> list[str]:
     words, size = [], float(np.mean(x * x))
     if root[3, 3] < EXACT_FLOORS * model.floor and size < EXACT_FLOORS:   # the rows tell the commands to the floor
         return []
-    box = n * n * sum((float(x[j:] @ x[:-j]) / (n * size)) ** 2 / (n - j) for j in range(1, LAGS + 1))
+    box = n * n * sum((inner(x[j:], x[:-j]) / (n * size)) ** 2 / (n - j) for j in range(1, LAGS + 1))
     if box > WHITE:
         words.append(f"what the best law leaves of the commands is no white noise (chi square {box:.0f} of {LAGS})")
     kurtosis = float(np.mean(x**4)) / size**2 - 3.0
@@ -516,8 +520,8 @@ def _doubts(model: Model, p: np.ndarray) -> list[str]:
     inverse, worst, free = np.linalg.inv(inside), 0.0, range(6, k - 2)
     for rows in np.array_split(np.arange(n), PARTS):
         own = slopes[6:k - 2, rows]
-        g = -np.einsum("kni,ni->k", own, e[rows] @ inverse)
-        information = own.reshape(len(free), -1) @ (own @ inverse).reshape(len(free), -1).T
+        g = -np.einsum("kni,ni->k", own, weighed(e[rows], inverse))
+        information = np.einsum("kn,ln->kl", own.reshape(len(free), -1), weighed(own, inverse).reshape(len(free), -1))
         scale = np.sqrt(np.diag(information)) + 1e-300
         chi = float((g / scale) @ np.linalg.lstsq(information / np.outer(scale, scale), g / scale, rcond=1e-8)[0])
         worst = max(worst, (chi - len(free)) / math.sqrt(2.0 * len(free)))
