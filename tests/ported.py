@@ -143,6 +143,7 @@ CONFIGS = {
     "filtered-known": known(window=5.0),
     "filtered-modes": flexible(window=5.0),
     "filtered-modes-wind-servo": flexible(ROUGH, UNSURE, window=10.0),
+    "filtered-still": filtered("cr826_max_q"),
     "filtered-declared": filtered(noise="declared"),
     "measured-stls": regression("measured", compression=3),
     "difference-sr3": regression("difference", solver="sr3", compression=2),
@@ -160,6 +161,7 @@ CERTIFIED = {  # what is asked of every part of a port that a reviewer certifies
     "servo": CONFIGS["filtered-servo"],
     "integral": regression("integral", library="rigid-body"),
     "terms": CONFIGS["filtered-terms"],
+    "modes": CONFIGS["filtered-modes"],
 }
 
 

@@ -398,13 +398,23 @@ class Unit:
 
     def source(self) -> str:
         """Return C of the constants, result structs and functions that are used."""
-        functions = [made.source() for made in self.order if made in self.reached or not self.reached]
+        functions = self._functions()
         used = set(re.findall(r"\w+", "\n".join(functions) + self.own))
         constants = {label: text for label, text in self.constants.items() if label in used}
         counts = [text for text in constants.values() if text.startswith(" ")]
         others = [text for text in constants.values() if not text.startswith(" ")]
         results = [text for text in self.results if re.findall(r"\w+", text)[-1] in used]
         return "\n".join(["enum {", *counts, "};\n", *others, "", *results, *functions])
+
+    def _functions(self) -> list[str]:
+        """Return C of the functions that are reached, the called before their callers; without those whose calls stood
+        in assignments that nothing reads."""
+        functions, words = list[str](), set(re.findall(r"\w+", self.own))
+        for made in reversed(self.order):
+            if not self.reached or (made in self.reached and (made.name in words or not self.own)):
+                functions.insert(0, made.source())
+                words |= set(re.findall(r"\w+", functions[0]))
+        return functions
 
 
 def _writable(kind: Kind) -> Kind:

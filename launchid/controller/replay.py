@@ -4,7 +4,8 @@ The log holds what the controller saw, theta (law `attitude`), theta_dot (law `r
 references, so each command can be computed again, by the simulator's own law.  The controller's state when the log
 begins, or after missing rows, is not known.  Without filters it is one number, the pseudo-derivative or the integral,
 and the first logged command gives it; with filters the replay waits until they have faded, and an integral behind them
-is what the commands then are off by.  A filter that follows a mode is replayed with the estimator over the log's rows.
+is what the commands then are off by.  A filter that follows a mode is replayed with the estimator over the log's rows;
+where that is not yet where the one on board was, in a log that begins in flight, the commands tell (`followed`).
 
 The rows must be at the controller's periods, one or several a period; a slower log lacks errors.
 """
@@ -26,6 +27,7 @@ from sim.vehicle.controller import GYRO_LAW, RATE_LAW, filtered, limited, pseudo
 from ..log.log import Log
 from ..series import filled
 from ..sums import combined, least_squares, products, square
+from .followed import told_by_commands
 
 MEMORY_LEFT = 1e-5    # of what the controller remembered: less is nothing
 MIN_COMMANDS = 20     # commands, without which nothing is said
@@ -261,11 +263,13 @@ def _gains_at(nominal: Nominal) -> list[int]:
 
 def issued(nominal: Nominal, constants: np.ndarray, error: np.ndarray, test: np.ndarray,
            logged: np.ndarray = NO_COMMANDS, is_late: bool = True, rates: np.ndarray = NO_COMMANDS,
-           tuned: np.ndarray = NO_FILTERS, integrals: np.ndarray = NO_COMMANDS) -> tuple[np.ndarray, np.ndarray]:
+           tuned: np.ndarray = NO_FILTERS, integrals: np.ndarray = NO_COMMANDS,
+           filters: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return (commands (ticks,) [rad], periods (ticks,) since the controller began) of `run_controller`; is_late:
-    commands delayed by the computing time of the nominal's effects."""
+    commands delayed by the computing time of the nominal's effects; filters: in place of the nominal's."""
     computed, answers = np.empty(len(error)), np.empty(len(error), np.int64)
-    run_controller(constants, sections(nominal), tuned, error, rates, test, logged, integrals, computed, answers)
+    run_controller(constants, sections(nominal) if filters is None else filters, tuned, error, rates, test, logged,
+                   integrals, computed, answers)
     return later(computed, packed(nominal).computing_time / constants[LAW_PERIOD]) if is_late else computed, answers
 
 
@@ -366,13 +370,21 @@ def replayed(nominal: Nominal, t_first: float, step: float, held: int, logged: n
         def free(computed: np.ndarray) -> np.ndarray:
             return np.minimum(np.abs(sent), np.abs(computed)) < NEAR_LIMIT * constants[LIMIT]
 
+        def judged_misfit(computed: np.ndarray, answers: np.ndarray) -> np.ndarray:
+            off = sent - computed
+            return np.where((answers >= wait) & free(computed), np.where(moved > np.abs(off), moved, off), math.nan)
+
         computed, answers = issued(nominal, constants, error, test, NO_COMMANDS if is_waiting else sent, rates=rates,
                                    tuned=tuned)
         if is_waiting and own.ki != 0.0:
             integrals = _integrals(own, np.where(free(computed), sent - computed, math.nan), answers, wait)
             computed, answers = issued(nominal, constants, error, test, integrals=integrals)
-        off = sent - computed
-        off = np.where((answers >= wait) & free(computed), np.where(moved > np.abs(off), moved, off), math.nan)
+        off = judged_misfit(computed, answers)
+        if follows is not None and not packed(nominal).computing_time and np.any(np.abs(off) > tolerance):
+            law = issued(nominal, impulse, error, np.zeros(len(error)), rates=rates, filters=sections(nominal)[:0])[0]
+            tuned = told_by_commands(own, law, np.where(free(sent), sent - test, math.nan), tuned, tolerance)
+            computed, answers = issued(nominal, constants, error, test, rates=rates, tuned=tuned)
+            off = judged_misfit(computed, answers)
         return Replay(nominal, t, error, test, sent, computed, off, tolerance, rates, tuned)
 
     tried = [each for each in map(begun, range(held)) if np.count_nonzero(np.isfinite(each.misfit)) >= MIN_COMMANDS]

@@ -16,7 +16,7 @@ COMPILERS = ("gcc", "clang")
 
 
 @pytest.mark.skipif(shutil.which("clang") is None, reason="no clang here")
-@pytest.mark.parametrize("name", some("filtered-vega-range", "integral-lasso"))
+@pytest.mark.parametrize("name", some("filtered-vega-range", "filtered-still", "integral-lasso"))
 def test_no_compiler_warns(name, tmp_path):
     """clang; with the same options and -Werror every program of these tests is built by gcc."""
     folder = written(tmp_path, CONFIGS[name])

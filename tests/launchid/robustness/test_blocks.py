@@ -154,6 +154,22 @@ def test_a_notch_that_followed_is_replayed_and_judged_where_it_stood():
     assert judged.valid and judged.spread.stable > 0.95
 
 
+@pytest.mark.parametrize("first", [6.0, 8.37])
+def test_a_notch_that_followed_is_replayed_in_a_log_cut_in_flight(first):
+    """There the commands tell where it stood; and another gain is still another gain."""
+    true = dataclasses.replace(FLEXIBLE, bending=(dataclasses.replace(FLEXIBLE.bending[0], frequency=constant(21.0)),))
+    log = cut(flown_log(fly_whole(short(true), 3, believed=short(FLEXIBLE))), first)
+    found = replay(log, FLEXIBLE)
+    ticks = found.judged(0.0, math.inf)
+    assert np.count_nonzero(ticks) > 200 and rms(found.misfit[ticks]) < 0.3 * found.tolerance
+    assert not found.contradicts(ticks)
+    own = FLEXIBLE.controller
+    for kp, kd in ((1.03, 1.0), (1.0, 0.97)):
+        other = replay(log, dataclasses.replace(FLEXIBLE, controller=dataclasses.replace(own, kp=kp * own.kp,
+                                                                                         kd=kd * own.kd)))
+        assert other.contradicts(other.judged(0.0, math.inf))
+
+
 def test_the_law_of_a_controller_is_what_the_gains_say():
     assert law_of(GYRO).gains() == pytest.approx({"kp": 1.2, "kd": 0.5})
     assert law_of(PI).gains() == pytest.approx({"kp": 0.6, "ki": 1.4})
