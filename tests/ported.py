@@ -161,7 +161,6 @@ CERTIFIED = {  # what is asked of every part of a port that a reviewer certifies
     "servo": CONFIGS["filtered-servo"],
     "integral": regression("integral", library="rigid-body"),
     "terms": CONFIGS["filtered-terms"],
-    "modes": CONFIGS["filtered-modes"],
 }
 
 

@@ -13,7 +13,6 @@ from ported import (
     CC,
     CERTIFIED,
     CONFIGS,
-    MODES,
     ROUGH,
     SHARED,
     STRICT,
@@ -105,8 +104,8 @@ def nominal_of(name: str) -> Nominal:
     """The nominal whose flights are the vectors of a certified configuration."""
     nominal = load_nominal("vega_like" if name == "vega_like" else "constant")
     assert nominal.actuator is not None
-    parts = {"wind": ROUGH, "modes": MODES, "servo": {"actuator": dataclasses.replace(nominal.actuator, **UNSURE)}}
-    return dataclasses.replace(nominal, **parts.get(name, {}))
+    parts = ROUGH if name == "wind" else {"actuator": dataclasses.replace(nominal.actuator, **UNSURE)}
+    return dataclasses.replace(nominal, **parts) if name in ("wind", "servo") else nominal
 
 
 @cache
