@@ -23,7 +23,6 @@ LOUD_LEVEL = 2.9       # times the declared, from which a level hides what is no
 WHITE_SQUARES = 1.35   # mean square of whitened errors that a model at its noise may leave
 AHEAD = 0.85           # of a stranger's log: share of the error ahead
 EXCLUDED = 0.25        # of k1, 2 dB: an error of it that a stranger's log excludes if it is called consistent
-LEVEL = 2.0            # of a stranger's log: noise level over the declared
 OTHER_TIMES = (0.2, 0.45, 0.7)   # of the log, by which the input is shifted
 AHEAD_OF_OTHERS = 0.5  # of what the input saves, by which it must be ahead of a shifted one
 LEAST_OF_INPUT = 5.0   # squares, that a shifted one saves at least by chance
@@ -116,9 +115,6 @@ def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
         out.append(f"left-out blocks: worse than the full model by {with_std(0.5 * base, 0.5 * error)} nats")
     if gain.floor < AHEAD:
         out.append(f"the full model's error ahead is {gain.floor:.2f} of what these numbers leave")
-    for ch, name in enumerate(("theta", "theta_dot")):
-        if m.log.has[name] and m.levels[ch] - m.noise.declared[ch] > math.log(LEVEL):
-            out.append(f"noise of {name} is {math.exp(m.levels[ch] - m.noise.declared[ch]):.1f} times the declared")
     return out
 
 

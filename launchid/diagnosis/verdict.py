@@ -19,7 +19,7 @@ from ..log.log import Log, flown_log
 from ..log.vehicle import plant_faults
 from ..sums import square
 from .adapter import FEWEST_ROWS, Reading, read
-from .adequacy import acts, adequacy, clear, is_rest, other_shape, strangers, untested
+from .adequacy import LOUD_LEVEL, acts, adequacy, clear, is_rest, other_shape, strangers, untested
 from .dissipation import within
 from .elimination import MIN_SQUARES_SAVED, MOST, NAME_SHARE, Elimination, Kept, Search
 from .gain import Gain, held_out
@@ -242,6 +242,10 @@ def noted(m: Model, el: Elimination) -> list[str]:
                 out.append(f"the input's lateness has a form: {name} {with_std(value, std)} (no cause)")
                 continue
             out.append(f"columns: {name} {with_std(value, std)} (theta_dot against theta; no cause)")
+    for ch, name in enumerate(("theta", "theta_dot")):
+        loud = math.exp(m.levels[ch] - m.noise.declared[ch])
+        if not m.log.is_flown and m.log.has[name] and loud > LOUD_LEVEL:
+            out.append(f"columns: noise of {name} is {loud:.1f} times the declared (no cause)")
     return out
 
 
