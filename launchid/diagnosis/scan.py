@@ -147,8 +147,6 @@ def with_rivals(m: Model, el: Elimination) -> tuple[Model, np.ndarray]:
     there, p, wanted = {shape.kind.name for shape in m.shapes}, el.full.p, {}
     beside = Scanner(m, el.final)
     for k in el.kept:
-        if k.group.is_event:
-            continue
         free = tuple(j for j in el.final.free if j not in k.group.numbers)
         at = evaluate(m, k.without)
         without = Scanner(m, Fit(at.p, at.e, slopes(m, at, free), free, el.final.band, at.run))
@@ -169,12 +167,14 @@ def with_rivals(m: Model, el: Elimination) -> tuple[Model, np.ndarray]:
 
 def in_place(m: Model, el: Elimination, k: Kept, found: Found) -> Found | None:
     """Return a shape as fitted in the place of a kept number; None if it leaves larger errors on left-out rows.  An
-    event must leave smaller ones, for a time that is searched for saves something by itself."""
+    event must leave smaller ones, for a time that is searched for saves something by itself; what is in no list clearly
+    smaller ones."""
     wider, p = with_shape(m, k.without, found)
     own = range(len(k.without), len(p))
     fit = gauss_newton(wider, p, (*(j for j in el.final.free if j not in k.group.numbers), *own), el.final.band, 2)
     costs, error = compare(wider, left_out(wider, fit), el.e_final, el.unit)
-    if costs > (0.0 if found.kind.once else max(TWIN_Z * error, MIN_SQUARES_SAVED)):
+    most = max(TWIN_Z * error, MIN_SQUARES_SAVED)
+    if costs > (-most if not found.kind.cause else 0.0 if found.kind.once else most):
         return None
     sizes, values = np.split(fit.p[list(own)], [found.kind.linear])
     return found._replace(values=tuple(values), sizes=sizes)
