@@ -1,6 +1,7 @@
 """Several flights diagnosed in one fit: what they share is known better, and clean flights stay consistent."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,19 +13,27 @@ from launchid.log.log import Log, flown_log, log_of, write_columns
 from launchid.main import main
 from sim.effects import effect
 from sim.flight import fly_whole
-from sim.nominal import load_nominal
+from sim.nominal import Nominal, load_nominal
 
 DAMPING = 0.15   # 1/s
+DURATION = 35.0  # s
+
+
+def brief() -> Nominal:
+    """The constant nominal, flown for DURATION."""
+    nominal = load_nominal("constant")
+    assert nominal.simulation is not None
+    return replace(nominal, simulation=replace(nominal.simulation, duration=DURATION))
 
 
 def flights(seeds: range, damping: float = 0.0) -> list[Log]:
-    nominal = load_nominal("constant")
+    nominal = brief()
     effects = (effect("aero_damping", coefficient=damping),) if damping else ()
     return [flown_log(fly_whole(nominal, seed, effects=effects), f"flight {seed}") for seed in seeds]
 
 
 def test_what_flights_share_is_found_in_one_fit_and_known_better():
-    nominal, logs = load_nominal("constant"), flights(range(41, 43), DAMPING)
+    nominal, logs = brief(), flights(range(41, 43), DAMPING)
     alone, found = diagnose(logs[0], nominal), diagnose_jointly(logs, nominal)
     assert not isinstance(found, str) and found.verdict == "explained"
     one, = found.named
@@ -34,7 +43,7 @@ def test_what_flights_share_is_found_in_one_fit_and_known_better():
 
 
 def test_clean_flights_stay_consistent_and_each_keeps_its_own_clock():
-    found = diagnose_jointly(flights(range(51, 53)), load_nominal("constant"))
+    found = diagnose_jointly(flights(range(51, 53)), brief())
     assert not isinstance(found, str) and found.verdict == "consistent" and not found.named
     assert found.model is not None and isinstance(found.model.log, SeveralLogs)
     log = found.model.log
