@@ -48,7 +48,7 @@ class Path(NamedTuple):
 class Model:
     """A log with a table of numbers: makes the filter's parameters of given values of them.
 
-    table   the numbers, grown by `with_shapes`;  shapes  the candidates beyond the usual numbers that stand in it
+    table   the numbers, grown by `scan.with_shape`;  shapes  the candidates beyond the usual numbers that stand in it
     levels  (7,) logarithms of the noise levels;  noise  what is believed of them;  bounds  as in `noise_of`
     brake   [s] of the monotonic clock, after which nothing is filtered
     """

@@ -1,8 +1,8 @@
 """Scan for shapes beyond the usual numbers that would explain more, by superposition on the whitened innovations.
 
-A small forcing changes the innovations linearly, about the filter's path (`filter.respond`).  Its column, less what the
-free numbers can make of it, times the innovations is the amplitude; the square of that over the column's own is what
-fitting it would save (Willsky and Jones 1976).  The places of the best are refined with everything else free.
+A small forcing changes the innovations linearly, about the filter's path (`likelihood.respond`).  Its column, less what
+the free numbers can make of it, times the innovations is the amplitude; the square of that over the column's own is
+what fitting it would save (Willsky and Jones 1976).  The places of the best are refined with everything else free.
 """
 
 from dataclasses import replace

@@ -35,7 +35,7 @@ DIRECT_DAMPING = 0.7
 JITTER = 0.01            # of a period, rms: less is a uniform log
 JITTER_STEPS = 12        # steps of a jittered row: a stamp is met to a twenty-fourth of a period
 JITTER_TICKS = 4         # commands of one: an input is placed to an eighth of a period
-LONG_STEP = 1.75         # median periods: longer steps are gaps (`stamps.GAP`) and say nothing about the period
+LONG_STEP = 1.75         # median periods: longer steps are gaps (`stamps.LOST_STAMP`) and say nothing about the period
 
 
 @dataclass(frozen=True, eq=False)

@@ -296,7 +296,10 @@ def _replayed(flown: Flown, replayed: Replay, own: Judged | None, estimates: Seq
 
 def fitted_laws(flown: Flown, log: Log, nominal: Nominal | None, estimates: Sequence[Estimate], windows: Sequence[int],
             contradicted: str = "") -> str:
-    """Give the log's own law to windows, of the whole flight or each its own; return why some have none, or ""."""
+    """Judge windows by the log's own law, written to `flown`: that of the whole flight or, without one, each its own.
+
+    Return why some windows have none; "" if all have.
+    """
     ticks = answered(log, nominal)
     if isinstance(ticks, str):
         return ticks

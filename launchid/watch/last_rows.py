@@ -40,8 +40,10 @@ class LastRows:
         self.pad_until, self.flown_until = -math.inf, math.inf
 
     def add(self, log: Log) -> None:
-        """Keep further rows for the check; rows under another header replace all rows before them, and those that come
-        to MOST_CHECKED while no check is run are left out."""
+        """Keep further rows for the check.
+
+        Rows under another header replace all before them.  Once MOST_CHECKED are kept, further ones are left out.
+        """
         if self._columns != log.columns:
             self._begin(log.columns)
         if self.count >= MOST_CHECKED:
