@@ -48,15 +48,33 @@ USUAL = [0, 1, 2, 3, 5]  # of ASKED and a constant: all but play
 
 
 @kernel
-def move(x, p, f, work):
-    """Predict a Kalman filter: x <- f x, p <- f p f'.  x (3,), p (3, 3) inout, f (3, 3) in, work (3, 3) scratch"""
-    for a in range(3):
-        work[a] = f[a, 0] * p[0] + f[a, 1] * p[1] + f[a, 2] * p[2]
-    for a in range(3):
-        p[a] = f[a, 0] * work[:, 0] + f[a, 1] * work[:, 1] + f[a, 2] * work[:, 2]
-    x0, x1, x2 = x
+def move(x, f):
+    """Predict a Kalman filter's state: x <- f x.  x (3,) inout, f (3, 3) in"""
+    x0, x1, x2 = x[0], x[1], x[2]
     for a in range(3):
         x[a] = f[a, 0] * x0 + f[a, 1] * x1 + f[a, 2] * x2
+
+
+@kernel
+def move_covariance(p, f, work):
+    """Predict its covariance: p <- f p f'.  p (3, 3) inout, f (3, 3) in, work (3, 3) scratch"""
+    for a in range(3):
+        for b in range(3):
+            work[a, b] = f[a, 0] * p[0, b] + f[a, 1] * p[1, b] + f[a, 2] * p[2, b]
+    for a in range(3):
+        for b in range(3):
+            p[a, b] = f[a, 0] * work[b, 0] + f[a, 1] * work[b, 1] + f[a, 2] * work[b, 2]
+
+
+@kernel
+def correct_covariance(p, s, gain, work):
+    """Correct its covariance p (3, 3), inout, with a measurement of x[0] whose innovation has variance s; gain (3,)
+    out, work (3, 3) scratch."""
+    for a in range(3):
+        gain[a], work[0, a] = p[0, a] / s, p[0, a]
+    for a in range(3):
+        for b in range(3):
+            p[a, b] -= gain[a] * work[0, b]
 
 
 @kernel
@@ -85,15 +103,16 @@ def follow(t, beta, at, command, servo, noise, most_gap, frozen, e, s, gain):
                 f[0, 0], f[0, 1], f[1, 0], f[1, 1] = free_servo(w, zeta, servo[5], servo[6] != 0.0, h)
                 f[0, 2], f[1, 2], f[2, 2] = 1.0 - f[0, 0], -f[1, 0], 1.0
                 x[0] -= u
-                move(x, p, f, work)
+                move(x, f)
+                if not frozen:
+                    move_covariance(p, f, work)
                 x[0] += u
                 now += h
             if due <= t[i]:
                 j += 1
                 now, u = max(now, due), servo[3] * command[j] + servo[4]
                 known = not math.isnan(u)
-                x[2], p[2, :], p[:, 2] = 0.0, 0.0, 0.0
-                p[2, 2] = q
+                x[2], p[2, 0], p[2, 1], p[0, 2], p[1, 2], p[2, 2] = 0.0, 0.0, 0.0, 0.0, 0.0, q
         e[i] = math.nan
         if not known:
             j = np.searchsorted(at, t[i] - delay, side="right") - 1
@@ -109,11 +128,9 @@ def follow(t, beta, at, command, servo, noise, most_gap, frozen, e, s, gain):
         e[i] = beta[i] - x[0]
         if not frozen:
             s[i] = p[0, 0] + r
-            gain[i] = p[0] / s[i]
-            work[0] = p[0]
-            for a in range(3):
-                p[a] -= gain[i, a] * work[0]
-        x += gain[i] * e[i]
+            correct_covariance(p, s[i], gain[i], work)
+        for a in range(3):
+            x[a] += gain[i, a] * e[i]
 
 
 @kernel

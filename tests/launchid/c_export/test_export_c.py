@@ -39,6 +39,7 @@ from launchid_core.model import OFFSETS
 from launchid_core.order.entries import calls_of
 from sim.nominal import load_nominal
 from sim.onboard import onboard_model
+from sim.sections import notch
 
 NAN = math.nan
 FILES = ("Launchid.cpp", "Launchid.fpp", "Launchid.hpp", "Makefile", "README.md", "launchid_cfs.c", "launchid_sfun.c",
@@ -317,3 +318,31 @@ int main(void)
     for saved in (state, bytes(version)):
         done = subprocess.run([str(tmp_path / "foreign")], input=saved, capture_output=True, check=True)
         assert done.stdout == b"2"
+
+
+@needs_compiler
+def test_the_notch_of_the_howto_is_the_simulators(tmp_path):
+    """As written there it compiles with the port of cr826_max_q, stands at the declared frequency before the first
+    estimate, and is tuned as the simulator's."""
+    page = (Path(__file__).parents[3] / "docs/howto.md").read_text(encoding="utf-8")
+    (code,) = (block for block in re.findall(r"```c\n(.*?)```", page, re.S) if "launchid_get_estimate" in block)
+    main = """
+int main(void)
+{
+    static launchid_estimator e;
+    launchid_reset(&e);
+    follow(&e);
+    printf("%.17g %.17g %.17g %.17g %.17g\\n", b0, b1, b2, a1, a2);
+    tune(17.3);
+    printf("%.17g %.17g %.17g %.17g %.17g\\n", b0, b1, b2, a1, a2);
+    return 0;
+}
+"""
+    written(tmp_path, CONFIGS["filtered-still"])
+    (tmp_path / "own.c").write_text('#include <math.h>\n#include <stdio.h>\n#include "launchid.h"\n' + code + main)
+    subprocess.run([str(CC), *"-std=c99 -Wall -Wextra -Werror -O0 own.c launchid.c -lm -o own".split()], cwd=tmp_path,
+                   check=True)
+    said = subprocess.run(["./own"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    for line, frequency in zip(said.splitlines(), (18.9, 17.3), strict=True):
+        section = notch(0.01, frequency, 0.01, 0.4)
+        assert np.allclose([float(x) for x in line.split()], [*section.b, *section.a[1:]], rtol=1e-14)
