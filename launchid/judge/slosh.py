@@ -12,7 +12,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from launchid_core import Config, Estimate, EstimateStatus, Estimator, Model, Oscillator
+import numpy as np
+
+from launchid_core import Config, Estimate, EstimateStatus, Estimator, Mode, Model, Oscillator
 
 from ..log.check import CheckedLog
 from .line import Line
@@ -38,16 +40,23 @@ def undeclared_slosh(seen: CheckedLog, config: Config, estimates: Sequence[Estim
         return None
     if model.walk + model.turbulence + model.wind_initial > 0.0 or any(each.kind == "slosh" for each in model.modes):
         return None
-    found = []
-    rows = seen.estimated.rows()
-    for k in range(1 + math.floor(math.log(HIGHEST / LOWEST) / math.log(APART))):
-        told = Estimator(replace(config, model=with_slosh(model, LOWEST * APART**k))).replay(rows)
-        if not told or any(e.status == EstimateStatus.MODEL for e in told):
-            continue
-        mode = told[-1].modes[0]
-        if mode.size > TESTS["no undeclared slosh"].limit * mode.size_std:
-            found.append(Line(mode.frequency, mode.size / mode.size_std, "slosh"))
+    rows, count = seen.estimated.rows(), 1 + math.floor(math.log(HIGHEST / LOWEST) / math.log(APART))
+    told = [_mode_of(replace(config, model=with_slosh(model, LOWEST * APART**k)), rows) for k in range(count)]
+    found = [Line(mode.frequency, mode.size / mode.size_std, "slosh") for mode in told
+             if mode is not None and mode.size > TESTS["no undeclared slosh"].limit * mode.size_std]
     return max(found, key=lambda each: each.ratio, default=None)
+
+
+def _mode_of(config: Config, rows: np.ndarray) -> Mode | None:
+    """Return the first mode of the model as it is at the end of samples (n, 7); None where they contradict the model,
+    from when on no more are taken."""
+    estimator, last = Estimator(config), None
+    for k in range(0, len(rows), config.rows):
+        for e in estimator.replay(rows[k:k + config.rows]):
+            if e.status == EstimateStatus.MODEL:
+                return None
+            last = e.modes[0]
+    return last
 
 
 def with_slosh(model: Model, frequency: float) -> Model:
