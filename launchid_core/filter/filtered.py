@@ -589,6 +589,7 @@ def update_numbers(block):
         md.forget_numbers(belief, modes, left_after(belief.constant.block_share, LEVEL_RELAXES))
     md.age_numbers(belief, modes, dt)
     md.learn_numbers(belief, fil, work.acc)
+    md.renew_numbers(belief, fil, dt)
 
 
 @inner

@@ -11,29 +11,28 @@ servo.  Left out is what the acceleration within a step does to p beside C theta
 
 Unknown are relative deviations d of frequency, coupling or gain, and damping, in standard deviations of what was known
 before the flight.  Their sensitivities run beside those of a6 and k1; every block is a measurement of (a6, k1, d),
-which walk (a Kalman filter; of a6 and k1 this one is its own).  While a frequency is not known within LINEAR its doubt
-is process noise of the mode, and what was learned while it was off counts as wrong by what is not linear in between.
+which walk (a Kalman filter; of a6 and k1 this one is its own).  An error of frequency turns a mode's phase out of what
+is linear, by the square of the error; so what was learned fades as long as the frequency is in doubt (`renew_numbers`),
+and what the data tell of a frequency is its product with the size (`rescale_frequency`).
 """
 
 import math
 
 import numpy as np
 
+from ..algebra.elementary import exp_of
 from ..algebra.linsolve import U, absorb_rows, measure
 from ..kernels import inner, kernel
-from ..model import N_NOISES
 from . import servo as sv
 from . import states as sx
 
-LINEAR = 0.03        # relative: about a frequency known so well the filter may be linearised
-DOUBT = 10.0         # until then its variance is process noise of the mode, times this over w h
-CURVED = 10.0        # rad, w times the filter's memory of a mode's phase: what is not linear in a move of frequency
+RENEWAL = 3.0        # 1/rad: of a mode's numbers, by the square of its frequency's doubt and radian of its phase
 NUMBER_WALK = 0.001  # 1/sqrt(s), relative, of a mode's numbers
 RIGID_WALK = 0.003   # 1/sqrt(s), relative, of a6 and k1 beside them
 REOPENED = 0.4       # relative, of a6 and k1 after a sudden change
 MODE_DIFFERENCE = 1.0e-3  # relative frequency, damping ratio: of a central difference
 LEAST_FREQUENCY, MOST_FREQUENCY = 0.3, 3.0  # of the nominal's: no filter is linearised about others
-PROVEN = 4.5         # standard deviations of a size from 0: the mode is there
+PROVEN = 6.0         # standard deviations of a size from 0: the mode is there
 SETTLED = 0.05       # standard deviations: from a number so near the filter need not move
 SAME_SLOPE = 0.005   # relative: at a frequency so near the derivatives, which only weigh innovations, are the same
 SLOSH_SPREAD = 0.1   # rad, of psi before any data
@@ -199,8 +198,7 @@ def fill_modes(belief, fil, f):
 
 @inner
 def drive_numbers(belief, fil, work, u, change):
-    """Effect of a unit of each unknown number on the state over the step, into work.number_drive (numbers, n); what of
-    it is the mode's own motion, p - C theta of slosh, into work.number_noise.
+    """Effect of a unit of each unknown number on the state over the step, into work.number_drive (numbers, n).
 
     u, change [rad]  in  command that acts, its change within the step (0 or NaN: none is known)
     """
@@ -208,11 +206,10 @@ def drive_numbers(belief, fil, work, u, change):
     ratio, turned = h / belief.constant.controller_period, 0.0 if np.isnan(change) else change
     for j in range(size.numbers):
         what, i = belief.number[j], belief.mode_of[j]
-        out, noise = work.number_drive[j], work.number_noise[j]
+        out = work.number_drive[j]
         own, slope, now = fil.modes.own[i], fil.modes.slope[j], fil.modes.now[i]
         k, c, sigma = size.mode_at + 2 * i, now[M_SIZE], belief.number_sigma[j]
         out[:] = 0.0
-        noise[:] = 0.0
         if i < size.sloshes:
             more = 0.0  # of C
             if what == BY_FREQUENCY:
@@ -223,10 +220,10 @@ def drive_numbers(belief, fil, work, u, change):
             more_0, more_1 = more * x[0], more * x[1]
             for row in range(2):
                 at, over = M_PHI + 2 * row, M_TWICE if row == 0 else M_ONCE
-                noise[k + row] = ratio * (slope[at] * own_0 + slope[at + 1] * own_1)
-                noise[row] = ratio * (slope[over] * own_0 + slope[over + 1] * own_1)
-                out[k + row] = noise[k + row] - (own[at] * more_0 + own[at + 1] * more_1)
-                out[row] = noise[row] - (own[over] * more_0 + own[over + 1] * more_1)
+                out[k + row] = (ratio * (slope[at] * own_0 + slope[at + 1] * own_1)
+                                - (own[at] * more_0 + own[at + 1] * more_1))
+                out[row] = (ratio * (slope[over] * own_0 + slope[over + 1] * own_1)
+                            - (own[over] * more_0 + own[over + 1] * more_1))
             out[k] += more_0 + h * more_1
             out[k + 1] += more_1
         else:
@@ -239,7 +236,6 @@ def drive_numbers(belief, fil, work, u, change):
                     out[k + row] = ratio * (c * (slope[at] * x[2] + slope[at + 1] * x[3] + slope[at + 2] * u
                                                  + slope[at + 3] * turned)
                                             + slope[M_PHI + 2 * row] * x[k] + slope[M_PHI + 2 * row + 1] * x[k + 1])
-                    noise[k + row] = out[k + row]
 
 
 @inner
@@ -359,28 +355,6 @@ def add_bending_noise(belief, fil, work, k1, variance, missed, p):
 
 
 @inner
-def add_doubt(belief, fil, work):
-    """Add to P the doubt of each frequency that is not known within LINEAR, as process noise of its mode.
-
-    Not of slosh in wind, which makes room itself: the slosh would take the wind, and the gains be wrong for both.
-    """
-    size, p, modes = belief.size, fil.p, fil.modes
-    is_windy = size.levels > N_NOISES
-    for j in range(size.numbers):
-        if belief.number[j] != BY_FREQUENCY or (is_windy and belief.mode_of[j] < size.sloshes):
-            continue
-        known = LINEAR / belief.number_sigma[j]
-        doubt = modes.covariance[2 + j, 2 + j] - known * known
-        if doubt <= 0.0:
-            continue
-        doubt *= DOUBT / (modes.now[belief.mode_of[j], M_FREQUENCY] * fil.step.h)
-        drive = work.number_noise[j]
-        for i in range(size.states):
-            for k in range(size.states):
-                p[i, k] += doubt * (drive[i] * drive[k])
-
-
-@inner
 def start_modes(belief, nodes, shown, fil):
     """Begin a segment: bending and slosh of their usual size, which theta and theta_dot as measured hold."""
     size, p = belief.size, fil.p
@@ -493,25 +467,12 @@ def widen_mode_check(block):
 
 
 @inner
-def number_variance(belief, modes, j):
-    """Return the variance of number j: of a size with what the doubt of its mode's frequency makes of it, for the
-    filter has that of the size at the frequency believed."""
-    variance, away = modes.covariance[2 + j, 2 + j], 0.0
-    if belief.number[j] == BY_SIZE:
-        for k in range(belief.size.numbers):
-            if belief.mode_of[k] == belief.mode_of[j] and belief.number[k] == BY_FREQUENCY:
-                away = CURVED * math.sqrt(modes.covariance[2 + k, 2 + k]) * belief.number_sigma[k]
-        away = min(away / belief.number_sigma[j], 1.0)
-    return min(variance + away * away, max(variance, 1.0))
-
-
-@inner
 def is_proven(belief, modes, i):
     """Whether mode i is there beyond doubt, so that its frequency means something: its size is known, or PROVEN."""
     for j in range(belief.size.numbers):
         if belief.mode_of[j] == i and belief.number[j] == BY_SIZE:
             sigma = belief.number_sigma[j]
-            return 1.0 + sigma * modes.mean[2 + j] > PROVEN * sigma * math.sqrt(number_variance(belief, modes, j))
+            return 1.0 + sigma * modes.mean[2 + j] > PROVEN * sigma * math.sqrt(modes.covariance[2 + j, 2 + j])
     return True
 
 
@@ -522,7 +483,6 @@ def age_numbers(belief, modes, dt):
     for j in range(belief.size.numbers):
         walk = NUMBER_WALK / belief.number_sigma[j]
         modes.covariance[2 + j, 2 + j] += walk * walk * dt
-        modes.before[j] = modes.covariance[2 + j, 2 + j]
     for j in range(2):
         modes.covariance[j, j] += RIGID_WALK * RIGID_WALK * dt
 
@@ -546,8 +506,12 @@ def learn_numbers(belief, fil, work):
         for j in range(size.servo):
             rt[width - 1, i] -= row[size.servo_at + j] * (servo.mean[j] - servo.about[j])
     absorb_rows(r, rt, width, c)
+    for i in range(size.modes):
+        work.sizes[i] = square_of_size(belief, modes, i)
     for i in range(width - 1):
         measure(modes.mean[:], modes.covariance[:], r[i], i, width - 1, r[i, width - 1], work.number_column[:])
+    for i in range(size.modes):
+        rescale_frequency(belief, fil, i, work.sizes[i])
 
 
 @inner
@@ -568,22 +532,77 @@ def open_rigid(block):
 
 
 @inner
-def doubt_what_was_learned(belief, modes):
-    """Widen what was learned of a mode while its frequency was believed to be another, by the error of the
-    linearisation: for the frequency by the square of the difference, for size and damping by the difference itself, in
-    radians of phase."""
+def number_of(belief, i, what):
+    """Return which unknown number is this one (BY_FREQUENCY, ...) of mode i; ABSENT if it is known."""
     for j in range(belief.size.numbers):
-        f = j
-        for k in range(belief.size.numbers):
-            if belief.mode_of[k] == belief.mode_of[j] and belief.number[k] == BY_FREQUENCY:
-                f = k
-        if belief.number[f] != BY_FREQUENCY:
+        if belief.mode_of[j] == i and belief.number[j] == what:
+            return j
+    return sx.ABSENT
+
+
+@inner
+def square_of_size(belief, modes, i):
+    """Return the mean square of mode i's size over the nominal's."""
+    j = number_of(belief, i, BY_SIZE)
+    if j == sx.ABSENT:
+        return 1.0
+    sigma, size = belief.number_sigma[j], 1.0 + belief.number_sigma[j] * modes.mean[2 + j]
+    return size * size + sigma * sigma * modes.covariance[2 + j, 2 + j]
+
+
+@inner
+def rescale_frequency(belief, fil, i, before):
+    """Rescale what is known of the frequency of mode i as its size moves: the data tell the product of both.
+
+    before  `square_of_size` when its sensitivities were made
+    """
+    j, modes = number_of(belief, i, BY_FREQUENCY), fil.modes
+    if j == sx.ABSENT:
+        return
+    ratio = math.sqrt(square_of_size(belief, modes, i) / before)
+    variance = modes.covariance[2 + j, 2 + j]
+    larger = min(1.0 / ratio, 1.0 / math.sqrt(variance))  # it is never less known than before the flight
+    modes.mean[2 + j] = modes.about[j] + (modes.mean[2 + j] - modes.about[j]) / ratio
+    for k in range(belief.size.numbers + 2):
+        modes.covariance[2 + j, k] *= larger
+        modes.covariance[k, 2 + j] *= larger
+    for k in range(belief.size.states):
+        fil.s[k, belief.size.number_at + j] *= ratio
+
+
+@inner
+def renew_numbers(belief, fil, dt):
+    """Let the numbers of a mode fade towards the prior while its frequency is in doubt, dt [s].
+
+    Of the information that the flight gave exp(-2 RENEWAL w var dt) is left, var being the variance of the relative
+    frequency: data that were linearised so far off count so much less.  What a frequency's deviation did to the state and
+    no longer tells goes from its sensitivities into P, so that the state's variance is the same; of a size, in which the
+    state is linear, the sensitivities fade alone.
+    """
+    size, modes, p, s = belief.size, fil.modes, fil.p, fil.s
+    for j in range(size.numbers):
+        i, at = belief.mode_of[j], size.number_at + j
+        f = number_of(belief, i, BY_FREQUENCY)
+        if f == sx.ABSENT:
             continue
-        share = max(1.0 - modes.covariance[2 + j, 2 + j] / modes.before[j], 0.0)
-        modes.gathered[j] += share * (modes.about[f] - modes.gathered[j])
-        away = CURVED * abs(modes.about[f] - modes.gathered[j]) * belief.number_sigma[f]
-        wrong = min((away * away / CURVED if j == f else away) / belief.number_sigma[j], 1.0)
-        modes.covariance[2 + j, 2 + j] = max(modes.covariance[2 + j, 2 + j], wrong * wrong)
+        doubt = belief.number_sigma[f] * belief.number_sigma[f] * modes.covariance[2 + f, 2 + f]
+        keep = exp_of(-(RENEWAL * doubt * modes.now[i, M_FREQUENCY_0] * dt))
+        old = modes.covariance[2 + j, 2 + j]
+        new = old / (old + keep * keep * (1.0 - old))
+        share = keep * old / new  # of the old deviation that the new one tells
+        untold = old * (1.0 - share * keep) if j == f else 0.0
+        moved = (1.0 - keep * keep * new / old) * modes.mean[2 + j]
+        modes.mean[2 + j] -= moved
+        for k in range(size.states):
+            for m in range(size.states):
+                p[k, m] += untold * (s[k, at] * s[m, at])
+        for k in range(size.states):
+            s[k, at] *= share
+            fil.x[k] += s[k, at] * moved
+        for k in range(size.numbers + 2):
+            modes.covariance[2 + j, k] *= keep
+            modes.covariance[k, 2 + j] *= keep
+        modes.covariance[2 + j, 2 + j] = new
 
 
 @kernel
@@ -608,7 +627,6 @@ def relinearise_modes(block):
         for i in range(size.states):
             fil.x[i] += fil.s[i, size.number_at + j] * step
         modes.about[j] += step
-    doubt_what_was_learned(belief, modes)
     if away:
         fil.step.h = 0.0
         modes.is_set = 0
@@ -618,6 +636,6 @@ def relinearise_modes(block):
 def restart_numbers(belief, modes):
     """Set what is known of the numbers, and of a6 and k1 beside them, before the first sample."""
     for j in range(belief.size.numbers):
-        modes.covariance[2 + j, 2 + j], modes.before[j] = 1.0, 1.0
+        modes.covariance[2 + j, 2 + j] = 1.0
     for j in range(2):
         modes.covariance[j, j] = sx.FIRST_STD * sx.FIRST_STD

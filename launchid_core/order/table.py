@@ -381,9 +381,7 @@ MODES = struct(
     ("is_set", I8, (), "1: the numbers have not moved since the constants were set"),
     ("mean", F8, ("rigid_numbers",), "a6 and k1 beside the modes, relative; deviations of the numbers"),
     ("covariance", F8, ("rigid_numbers", "rigid_numbers"), "of these"),
-    ("about", F8, ("numbers",), "that the filter is linearised about"),
-    ("before", F8, ("numbers",), "variances before the block"),
-    ("gathered", F8, ("numbers",), "frequency's deviation about which each was learned"))
+    ("about", F8, ("numbers",), "that the filter is linearised about"))
 
 FILTER_STATE = struct(
     "Filter", "State of the predictor.",
@@ -425,7 +423,6 @@ FILTER_WORK = struct(
     ("moved", F8, ("responses", sx.N_STATES), "its response"),
     ("servo_drive", F8, ("servo", sx.N_STATES), "effect of the servo's deviations on the state over a step"),
     ("number_drive", F8, ("numbers", "states"), "effect of the modes' numbers on the state over a step"),
-    ("number_noise", F8, ("numbers", "states"), "of it what their doubt makes of a mode's own motion"),
     ("mode_push", F8, (2, "sensitivities"), "what slosh adds to theta, theta_dot in each column of a product"),
     ("slosh", F8, (2,), "and in the state"),
     ("held", F8, ("states",), "effect of a command held over a step"),
@@ -472,6 +469,7 @@ ACCUMULATOR_WORK = struct(
     ("block", F8, (3, 3), "of the block, the state known: theta, beta, right-hand side"),
     ("root", F8, ("numbers", "numbers"), "of the covariance of the modes' numbers"),
     ("number_column", F8, ("rigid_numbers",), "covariance that a measurement of them shows"),
+    ("sizes", F8, ("modes",), "mean square of each mode's size before the block"),
     ("column", F8, ("states",), "of a product with a transition"),
     ("scratch", F8, ((2, "columns", "columns"),), "rows on their way into a triangle"),
     ("square", F8, (("levels", "levels"),), "information of the noise levels"),

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..filter import states as sx
-from ..filter.modes import BY_DAMPING, BY_FREQUENCY, N_MODE_COLUMNS, NODE_T, is_proven, number_variance
+from ..filter.modes import BY_DAMPING, BY_FREQUENCY, N_MODE_COLUMNS, NODE_T, is_proven
 from ..filter.servo import BY_DELAY, std_of
 from ..kernels import inner
 from ..model import ATTITUDE_BIAS, MISALIGNMENT, TURBULENCE, WALK
@@ -127,7 +127,7 @@ def report_modes(belief, nodes, fil, contradicted, t, rep):
             rep.mode[i, 1] = nominal * sigma
             continue
         rep.mode[i, 2 * what] = nominal * (1.0 + sigma * modes.mean[2 + j])
-        rep.mode[i, 2 * what + 1] = abs(nominal) * sigma * np.sqrt(number_variance(belief, modes, j))
+        rep.mode[i, 2 * what + 1] = abs(nominal) * sigma * np.sqrt(modes.covariance[2 + j, 2 + j])
 
 
 @inner
