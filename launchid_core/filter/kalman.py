@@ -512,10 +512,11 @@ def advance_uncertainty(belief, modes, fil, work, f, g):
 
 @inner
 def add_mode_noise(belief, fil, work, k1, command_variance):
-    """Process noise of one step that reaches the modes: the command's."""
+    """Process noise of one step that reaches the modes: the command's, and the doubt of bending's frequencies."""
     md.add_bending_noise(belief, fil, work, k1, command_variance, 0, fil.p[:])
     if belief.constant.missing > 0.0:
         md.add_bending_noise(belief, fil, work, k1, fil.jump, 1, fil.p[:])
+    md.add_doubt(belief, fil, work)
 
 
 @inner

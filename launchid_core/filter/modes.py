@@ -13,7 +13,8 @@ Unknown are relative deviations d of frequency, coupling or gain, and damping, i
 before the flight.  Their sensitivities run beside those of a6 and k1; every block is a measurement of (a6, k1, d),
 which walk (a Kalman filter; of a6 and k1 this one is its own).  An error of frequency turns a mode's phase out of what
 is linear, by the square of the error; so what was learned fades as long as the frequency is in doubt (`renew_numbers`),
-and what the data tell of a frequency is its product with the size (`rescale_frequency`).
+and what the data tell of a frequency is its product with the size (`rescale_frequency`).  Of bending, which the loop
+hardly feels, the doubt is process noise meanwhile (`add_doubt`).
 """
 
 import math
@@ -26,13 +27,15 @@ from ..kernels import inner, kernel
 from . import servo as sv
 from . import states as sx
 
+LINEAR = 0.03        # relative: about a bending frequency known so well the filter may be linearised
+DOUBT = 10.0         # until then its variance is process noise of the mode, times this over w h
 RENEWAL = 3.0        # 1/rad: of a mode's numbers, by the square of its frequency's doubt and radian of its phase
 NUMBER_WALK = 0.001  # 1/sqrt(s), relative, of a mode's numbers
 RIGID_WALK = 0.003   # 1/sqrt(s), relative, of a6 and k1 beside them
 REOPENED = 0.4       # relative, of a6 and k1 after a sudden change
 MODE_DIFFERENCE = 1.0e-3  # relative frequency, damping ratio: of a central difference
 LEAST_FREQUENCY, MOST_FREQUENCY = 0.3, 3.0  # of the nominal's: no filter is linearised about others
-PROVEN = 6.0         # standard deviations of a size from 0: the mode is there
+PROVEN = 4.5         # standard deviations of a size from 0: the mode is there
 SETTLED = 0.05       # standard deviations: from a number so near the filter need not move
 SAME_SLOPE = 0.005   # relative: at a frequency so near the derivatives, which only weigh innovations, are the same
 SLOSH_SPREAD = 0.1   # rad, of psi before any data
@@ -355,6 +358,25 @@ def add_bending_noise(belief, fil, work, k1, variance, missed, p):
 
 
 @inner
+def add_doubt(belief, fil, work):
+    """Add to P the doubt of each bending frequency that is not known within LINEAR, as process noise of its mode.
+
+    Not of slosh, which would take what else turns the vehicle.
+    """
+    size, p, modes = belief.size, fil.p, fil.modes
+    for j in range(size.numbers):
+        known = LINEAR / belief.number_sigma[j]
+        doubt = modes.covariance[2 + j, 2 + j] - known * known
+        if belief.number[j] != BY_FREQUENCY or belief.mode_of[j] < size.sloshes or doubt <= 0.0:
+            continue
+        doubt *= DOUBT / (modes.now[belief.mode_of[j], M_FREQUENCY] * fil.step.h)
+        drive = work.number_drive[j]
+        for i in range(size.states):
+            for k in range(size.states):
+                p[i, k] += doubt * (drive[i] * drive[k])
+
+
+@inner
 def start_modes(belief, nodes, shown, fil):
     """Begin a segment: bending and slosh of their usual size, which theta and theta_dot as measured hold."""
     size, p = belief.size, fil.p
@@ -575,9 +597,9 @@ def renew_numbers(belief, fil, dt):
     """Let the numbers of a mode fade towards the prior while its frequency is in doubt, dt [s].
 
     Of the information that the flight gave exp(-2 RENEWAL w var dt) is left, var being the variance of the relative
-    frequency: data that were linearised so far off count so much less.  What a frequency's deviation did to the state and
-    no longer tells goes from its sensitivities into P, so that the state's variance is the same; of a size, in which the
-    state is linear, the sensitivities fade alone.
+    frequency: data that were linearised so far off count so much less.  What a frequency's deviation did to the state
+    and no longer tells goes from its sensitivities into P, so that the state's variance is the same; of a size, in
+    which the state is linear, the sensitivities fade alone.
     """
     size, modes, p, s = belief.size, fil.modes, fil.p, fil.s
     for j in range(size.numbers):
