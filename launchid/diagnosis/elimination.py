@@ -365,7 +365,10 @@ class Search:
                     margin = pays * RIVAL_MARGIN * gain
                     is_alike = gi < max(pays * ALIKE_Z * si, margin)
                     is_common |= is_alike and ((other.is_listed and not g.is_listed) or (is_same and g.kind in RARE))
-                    if (gi < -si or is_common) and swap is None and other.kind not in SHAPES_OF_NUMBERS:
+                    is_simpler = g.is_event and not other.is_event and other.kind not in RARE   # it needs no time
+                    is_common |= is_alike and is_simpler and other.is_listed
+                    clearly = max(si, RIVAL_MARGIN * gain) if other.is_event and not g.is_event else si
+                    if (gi < -clearly or is_common) and swap is None and other.kind not in SHAPES_OF_NUMBERS:
                         swap = (again, [each for each in live if each is not g] + [other], ei)
                     z = Z if is_form else TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z
                     if gi < z * pays * si or gi < margin:
