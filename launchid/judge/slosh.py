@@ -2,8 +2,9 @@
 
 A slosh of a few per cent moves a6 and k1 by several deviations for half a minute before the whiteness of the
 innovations contradicts the model, since it swings slowly.  What contradicts may be something else, of a moment.  So the
-filter is run again with a slosh whose coupling is not known, at each of the frequencies that a tank may have: where one
-has a size beyond doubt and nothing contradicts the model any more, it was there all the time.
+filter is run again with a slosh whose coupling is not known, at each of the frequencies that a tank may have, so near
+each other that the problem is linear: where one has a size beyond doubt and nothing contradicts the model any more, it
+was there all the time.
 
 In declared wind it is not asked: there wind takes the slosh, and makes room for it.
 """
@@ -21,8 +22,7 @@ from .line import Line
 from .table import TESTS
 
 LOWEST, HIGHEST = 1.5, 9.5   # rad/s; above them a line is seen
-APART = 1.2                  # of one frequency over the last
-FREQUENCY_SIGMA = 0.1        # of each, so that they overlap
+APART = 1.02                 # of one frequency over the last: half of it turns the phase by half a radian while it rings
 COUPLING = 0.05              # its sigma is as large
 DAMPING = 0.02               # ratio, of a baffled tank
 FEWEST = 2                   # contradicted windows, without which nothing is asked
@@ -30,13 +30,13 @@ FEWEST = 2                   # contradicted windows, without which nothing is as
 
 def undeclared_slosh(seen: CheckedLog, config: Config, estimates: Sequence[Estimate]) -> Line | None:
     """Return the slosh with which nothing contradicts a log whose nominal has none; None without one, in declared wind,
-    and of a log that is not contradicted or has no valid window.
+    and of a log that is not contradicted.
 
     config     of the filtered formulation with the nominal's model;  estimates  of the windows, with it
     """
     model = config.model
     contradicted = sum(e.status == EstimateStatus.MODEL for e in estimates)
-    if model is None or contradicted < FEWEST or not any(e.valid for e in estimates):
+    if model is None or contradicted < FEWEST:
         return None
     if model.walk + model.turbulence + model.wind_initial > 0.0 or any(each.kind == "slosh" for each in model.modes):
         return None
@@ -60,7 +60,7 @@ def _mode_of(config: Config, rows: np.ndarray) -> Mode | None:
 
 
 def with_slosh(model: Model, frequency: float) -> Model:
-    """Return a model with one slosh more, near `frequency` [rad/s], of a coupling that is not known."""
+    """Return a model with one slosh more, at `frequency` [rad/s], of a coupling that is not known."""
     slosh = Oscillator(kind="slosh", t=(0.0,), frequency=(frequency,), size=(COUPLING,), damping_ratio=(DAMPING,),
-                       frequency_sigma=FREQUENCY_SIGMA, size_sigma=1.0)
+                       size_sigma=1.0)
     return replace(model, modes=(slosh, *model.modes))

@@ -91,7 +91,7 @@ TESTS = {
         "Welch 1967; chi square of the mean of periodograms"),
     "no undeclared slosh": Test(
         "the nominal has every slosh of a log that contradicts it",
-        "size of a slosh with which nothing contradicts the model any more", 3.0, "standard deviations",
+        "size of a slosh with which nothing contradicts the model any more", 5.0, "standard deviations",
         "a filter that has the slosh is not contradicted by it"),
     "servo of the nominal": Test(
         "the servo is the nominal's", "speed at which it explains the nozzle best", 3.0, "times, either way",

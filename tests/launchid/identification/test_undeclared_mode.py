@@ -62,7 +62,7 @@ def test_an_undeclared_slosh_refuses_the_windows_before_it_contradicts_too():
     found = launchid.identify(log, "constant", tracked=True)
     windows = found.report["windows"]
     assert not any(window["valid"] or window["tracked"]["valid"] for window in windows)
-    assert "[[slosh]]" in found.report["next"] and any("near 3.39 rad/s" in line for line in found.warnings)
+    assert "[[slosh]]" in found.report["next"] and any("near 3.42 rad/s" in line for line in found.warnings)
     level = launchid.uncertainty(log, "constant")
     assert not any(window["valid"] for window in level.report["windows"])
 

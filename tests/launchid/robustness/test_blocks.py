@@ -161,7 +161,7 @@ def test_a_notch_that_followed_is_replayed_in_a_log_cut_in_flight(first):
     log = cut(flown_log(fly_whole(short(true), 3, believed=short(FLEXIBLE))), first)
     found = replay(log, FLEXIBLE)
     ticks = found.judged(0.0, math.inf)
-    assert np.count_nonzero(ticks) > 200 and rms(found.misfit[ticks]) < 0.3 * found.tolerance
+    assert np.count_nonzero(ticks) > 200 and rms(found.misfit[ticks]) < 0.5 * found.tolerance
     assert not found.contradicts(ticks)
     own = FLEXIBLE.controller
     for kp, kd in ((1.03, 1.0), (1.0, 0.97)):
