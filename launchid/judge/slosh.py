@@ -22,7 +22,8 @@ from .line import Line
 from .table import TESTS
 
 LOWEST, HIGHEST = 1.5, 9.5   # rad/s; above them a line is seen
-APART = 1.02                 # of one frequency over the last: half of it turns the phase by half a radian while it rings
+APART = 1.04                 # of one frequency over the last
+FREQUENCY_SIGMA = 0.02       # of each: half of that, so little that the problem stays linear
 COUPLING = 0.05              # its sigma is as large
 DAMPING = 0.02               # ratio, of a baffled tank
 FEWEST = 2                   # contradicted windows, without which nothing is asked
@@ -60,7 +61,7 @@ def _mode_of(config: Config, rows: np.ndarray) -> Mode | None:
 
 
 def with_slosh(model: Model, frequency: float) -> Model:
-    """Return a model with one slosh more, at `frequency` [rad/s], of a coupling that is not known."""
+    """Return a model with one slosh more, near `frequency` [rad/s], of a coupling that is not known."""
     slosh = Oscillator(kind="slosh", t=(0.0,), frequency=(frequency,), size=(COUPLING,), damping_ratio=(DAMPING,),
-                       size_sigma=1.0)
+                       frequency_sigma=FREQUENCY_SIGMA, size_sigma=1.0)
     return replace(model, modes=(slosh, *model.modes))
