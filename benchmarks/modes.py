@@ -1,6 +1,7 @@
 """Fly slosh and bending that are declared with a doubt, and count what the estimator makes of them on board.
 
     python benchmarks/modes.py [--flights 16] [--seed 80000] [--rate 100] [--air calm] [--cell NAME] [--seconds 40]
+                               [--off FACTOR]
 
 Flights of `simulate` of `constant`, 40 s long, in 5 s windows; the nominal's noises, controller and sensors at the
 rate; seeds SEED, SEED + 1, ..., on which nothing was chosen.  Drawn within what is declared: a6 and k1 up to 25 % off
@@ -8,6 +9,7 @@ rate; seeds SEED, SEED + 1, ..., on which nothing was chosen.  Drawn within what
 damping ratio of 0.01 is known.  In air `wind` the wind and offsets of `flights.py` blow and are declared.
 Bending is as large as it shows: the gain is that which puts this share of the rigid body's rms rate into the gyro, the
 nozzle moving as it does without bending.  In the cells `absent` the declared modes are not flown.
+With --off every mode's frequency is FACTOR times the declared one, its size as declared.
 
 Of a row: the share of windows OK; of the OK windows, and of the tracked estimates at their ends, the share of 95 %
 intervals that hold a6 and k1; the root mean square and the largest of the windows' errors in standard deviations; the
@@ -72,24 +74,27 @@ def gain_of(frequency: float, share: float, seconds: float) -> float:
     return share * float(np.std(flight.theta_dot) / np.std(rate))
 
 
-def drawn(kind: type, frequency: float, size: float, rng: np.random.Generator) -> tuple[Any, Any]:
-    """Return a mode as flown and as declared."""
+def drawn(kind: type, frequency: float, size: float, rng: np.random.Generator,
+          factor: float = 0.0) -> tuple[Any, Any]:
+    """Return a mode as flown and as declared; factor: of the frequency, 0: frequency and size are drawn."""
     name = "coupling" if kind is Slosh else "gain"
     off = 1.0 + np.array(SIGMA) * np.clip(rng.standard_normal(2), -CUT, CUT)
+    if factor:
+        off[:] = factor, 1.0
     return (kind(frequency=constant(frequency * off[0]), damping_ratio=constant(DAMPING),
                  **{name: constant(size * off[1])}),
             kind(frequency=constant(frequency), damping_ratio=constant(DAMPING), frequency_sigma=SIGMA[0],
                  **{name: constant(size), f"{name}_sigma": SIGMA[1]}))
 
 
-def errors(cell: str, rate: float, air: str, seconds: float, seed: int) -> dict[str, np.ndarray]:
+def errors(cell: str, rate: float, air: str, seconds: float, factor: float, seed: int) -> dict[str, np.ndarray]:
     """Return of one flight `windows` (k, 4): 1 if OK, errors of a6 and k1 over their deviations, deviation of a6;
     `tracked` (k, 2) errors over deviations; `told` (k, 5) of the modes from SETTLED on: 1 if proven, errors of
     frequency and size over their deviations, both deviations relative."""
     slosh, bending = CELLS[cell]
     rng = np.random.default_rng((6, seed))
-    modes = ([drawn(Slosh, *each, rng) for each in slosh]
-             + [drawn(Bending, w, gain_of(w, share, seconds), rng) for w, share in bending])
+    modes = ([drawn(Slosh, *each, rng, factor) for each in slosh]
+             + [drawn(Bending, w, gain_of(w, share, seconds), rng, factor) for w, share in bending])
     absent = cell.startswith("absent")
     clean = base(rate, air, seconds)
     declared = dataclasses.replace(clean, slosh=tuple(known for _, known in modes if isinstance(known, Slosh)),
@@ -140,13 +145,14 @@ def print_row(table: Table, head: tuple[Any, ...], parts: list[dict[str, np.ndar
 
 def main() -> int:
     """Run and print."""
-    args = arguments(__doc__, flights=16, seed=80000, seconds=40.0, rate=RATES, air=list(AIRS[::2]), cell=[*CELLS])
+    args = arguments(__doc__, flights=16, seed=80000, seconds=40.0, off=0.0, rate=RATES, air=list(AIRS[::2]),
+                     cell=[*CELLS])
     table = Table("air 5", "rate 4g", "cell 18", "windows 4", "OK 5.2f", "a6 5.2f", "k1 5.2f", "tracked a6 5.2f",
                   "k1 5.2f", "rms a6 5.2f", "k1 5.2f", "worst 5.1f", "width 5.2f", "proven 8", "frequency 5.2f",
                   "size 5.2f", "std 6.4f", "std 6.4f")
     cells = [(air, rate, cell) for air in args.air for rate in args.rate
              for cell in dict.fromkeys(("none", *args.cell))]
-    results = iter(run_jobs(errors, [(cell, rate, air, args.seconds, seed) for air, rate, cell in cells
+    results = iter(run_jobs(errors, [(cell, rate, air, args.seconds, args.off, seed) for air, rate, cell in cells
                                      for seed in args.seeds]))
     clean = 0.0
     for air, rate, cell in cells:

@@ -251,22 +251,23 @@ def _modes(report: Any, model: Model) -> tuple[Mode, ...]:
 
 def _modes_covariance(parts: Any, model: Model, t: float) -> np.ndarray:
     """Covariance of a6, k1 and the modes' numbers at t [s], as `Estimate.modes_covariance`."""
-    size, belief, modes = parts.fixed.belief.size, parts.fixed.belief, parts.state.filter.modes
-    count = 2 + 2 * len(model.modes)
-    covariance = np.zeros((count, count)) if model.modes else EMPTY
-    if not size.numbers:
-        return covariance
-    given, kept = [0, 1], [0, 1]  # places in the filter's covariance, and in this one
-    scale = [float(np.interp(t, model.profile_t, x)) for x in (model.profile_a6, model.profile_k1)]
-    for j, (what, i) in enumerate(zip(belief.number.tolist(), belief.mode_of.tolist(), strict=True)):
-        if what != BY_DAMPING:
-            mode = model.modes[i]
-            given.append(2 + j)
-            kept.append(2 + 2 * i + what)
-            scale.append(float(belief.number_sigma[j] * np.interp(t, mode.t, getattr(mode, MODE_NUMBERS[what]))))
-    covariance[np.ix_(kept, kept)] = np.array(modes.covariance)[np.ix_(given, given)] * np.outer(scale, scale)
-    if parts.state.check.raised == 1:
-        covariance[:] = math.nan
+    if not model.modes:
+        return EMPTY
+    belief, modes, count = parts.fixed.belief, parts.state.filter.modes, 2 + 2 * len(model.modes)
+    covariance = np.zeros((count, count))
+    if belief.size.numbers:
+        given, kept = [0, 1], [0, 1]  # places in the filter's covariance, and in this one
+        scale = [float(np.interp(t, model.profile_t, x)) for x in (model.profile_a6, model.profile_k1)]
+        for j, (what, i) in enumerate(zip(belief.number.tolist(), belief.mode_of.tolist(), strict=True)):
+            if what != BY_DAMPING:
+                mode = model.modes[i]
+                given.append(2 + j)
+                kept.append(2 + 2 * i + what)
+                scale.append(float(belief.number_sigma[j] * np.interp(t, mode.t, getattr(mode, MODE_NUMBERS[what]))))
+        told = np.array(modes.covariance)[np.ix_(given, given)] * np.outer(scale, scale)
+        covariance[np.ix_(kept, kept)] = told
+        if parts.state.check.raised == 1:
+            covariance[:] = math.nan
     covariance.setflags(write=False)
     return covariance
 
