@@ -16,6 +16,10 @@ from ..log.log import Log
 from ..log.steps import with_steps
 from ..weakform.prepare import near_all
 
+TERM_OF = {"aero_damping": "theta_dot", "aero_cubic": "theta^3", "friction": "sign(theta_dot)",
+           **dict.fromkeys(("thrust_misalignment", "attitude_bias", "actuator_bias", "nozzle_sensor_bias",
+                            "steady_wind", "moment_step"), "1")}   # effect: the term by which it acts
+
 
 def chosen_formulation(log: Log, nominal: Nominal | None, asked: str | None, tracked: bool) -> str:
     """Return the formulation: `asked`, else filtered if the filter has a model of the nominal, else measured if the log
@@ -58,11 +62,14 @@ def is_stand(nominal: Nominal) -> bool:
 
 
 def stand_library(nominal: Nominal) -> tuple[str, ...]:
-    """Return the library of a nominal: theta, beta and [vehicle.terms]; where there are such terms, theta and beta only
-    if their coefficients are not 0."""
+    """Return the library of a nominal: theta, beta, [vehicle.terms] and the terms of its effects; where there are such
+    terms, theta and beta only if their coefficients are not 0."""
     rigid = (("theta", float(nominal.vehicle.a6[0])), ("beta", float(nominal.vehicle.k1[0])))
-    return tuple(term for term, value in rigid if value != 0.0 or not nominal.terms) + \
-        tuple(term for term, _ in nominal.terms)
+    effects = (str(each.values[0]) if each.name == "missing_term" else TERM_OF.get(each.name, "")
+               for each in nominal.effects)
+    return tuple(dict.fromkeys((
+        *(term for term, value in rigid if value != 0.0 or not nominal.terms),
+        *(term for term, _ in nominal.terms), *(term for term in effects if term))))
 
 
 def log_config(log: Log, nominal: Nominal | None, window: float | str, formulation: str | None, tracked: bool,

@@ -6,11 +6,14 @@ from typing import Any
 from sim.nominal import Nominal
 
 from ..argument_checks import DEFAULT_WINDOW, Default, real, window_for
+from ..judge.lack import FRICTION
 from ..log.check import profile_note
 from ..log.commanded import with_nozzle
 from ..log.log import Log
 from ..log.phases import checked_flight
-from .config import is_weak, log_config, refuse_too_long, servo_note
+from ..log.rate_alone import with_attitude
+from ..weakform.bands import NUISANCES
+from .config import chosen_formulation, is_weak, log_config, refuse_too_long, servo_note
 from .windows import Identified, identified
 
 
@@ -34,13 +37,15 @@ def identified_log(log: Log, nominal: Nominal | None = None, *, window: float | 
     if not isinstance(window, (str, Default)):
         window = real("--window", window, "seconds or 'all'")
     seen = checked_flight(log, nominal, strict=strict)
-    seen, believed, said = with_nozzle(seen, nominal)
+    is_filtered = chosen_formulation(seen.log, nominal, formulation, tracked) == "filtered"
+    seen, believed, said = with_nozzle(seen, nominal, is_held=not is_filtered)
     log, said = seen.log, (*seen.warnings, *said)
     window = window_for(window, log)
     if window == "all":
         refuse_too_long(log)
     weak = is_weak(log, nominal, formulation, library, choices)
     optional = ("theta_dot",) if weak and library is None and nominal is None else ()
+    joining = () if not weak or library is not None else (FRICTION,) if nominal is None else NUISANCES
     library = ("theta,beta,1" if optional else "rigid-body") if library is None else library
     config = log_config(log, believed, str(window), formulation, tracked, seen.bridged, library=library, **choices)
     if config.missing_commands > 0.0:
@@ -50,7 +55,9 @@ def identified_log(log: Log, nominal: Nominal | None = None, *, window: float | 
         said += servo_note(log, nominal, config)
     if config.formulation == "filtered" and not seen.foreign:
         said += profile_note(nominal, log.span()[1], log.path)
-    result = identified(config, seen, weak, optional)
+    seen, note = with_attitude(seen, config.terms if weak else ("theta",))
+    log, said = seen.log, (*said, *note)
+    result = identified(config, seen, weak, optional, joining)
     said += result.warnings
     if result.is_held:
         said += (f"{log.path}: beta is integrated as held from each of its values to the next",)

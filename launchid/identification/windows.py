@@ -58,19 +58,22 @@ class Identified:
         return self.config.beta_held
 
 
-def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional: tuple[str, ...] = ()) -> Identified:
+def identified(config: Config, seen: CheckedLog, is_weak: bool = False, optional: tuple[str, ...] = (),
+               joining: tuple[str, ...] = ()) -> Identified:
     """Run the estimator over a log and judge its windows; refuse all of them if a column holds another quantity than
     its name says (or may, and the formulation is not `filtered`).
 
     is_weak   take the windows and their counts of rows from the estimator, the numbers from the weak form
     optional  terms that the weak form adds where their coefficient exceeds its standard deviation
+    joining   terms that the weak form adds where the log shows that they act
     Of `filtered`, which judges itself, windows are refused that a contradiction of the model follows within 20 s.
     """
     if seen.rates["beta"].kind == HELD_WORD and config.formulation == "integral":
         config = replace(config, beta_held=True)
     estimates, estimator = run(config, seen.estimated.rows())
     is_filtered = config.formulation == "filtered"
-    judged = judged_windows(seen, config, withdrawn(estimates) if is_filtered else estimates, is_weak, optional)
+    judged = judged_windows(seen, config, withdrawn(estimates) if is_filtered else estimates, is_weak, optional,
+                            joining)
     coarse = seen.sensed.coarse if is_filtered and seen.sensed is not None else ""
     if seen.foreign or coarse or (not is_filtered and seen.doubtful):
         judged = replace(judged, estimates=[disbelieved(e) for e in judged.estimates])

@@ -10,7 +10,7 @@ from ..sums import along, products
 from ..weakform.estimate import slopes_of
 from ..weakform.fit import MIN_COLUMN_LEFT, noise_likelihoods
 from ..weakform.late import LAGS_FORGOTTEN, SHIFT, Late, Lead, acting_later, with_betas, without_beginnings
-from ..weakform.modes import term_modes
+from ..weakform.modes import term_modes, together
 from ..weakform.pieces import Piece, fitted, likelihood, moved
 from ..weakform.rows import Rows
 from .table import TESTS
@@ -164,19 +164,20 @@ def placebo(pieces: list[Piece], terms: tuple[str, ...], rows: Rows, lead: Lead 
     """Whether beta taken from another time of the log explains the motion about as well as beta at the time at which it
     acts.
 
-    Each has the noise that is most likely with it: what a beta that acts does not explain is white, what another one
-    does not explain wanders. An input that repeats explains as much a period later, and is left out.
+    Each has one set of coefficients, with which every beta is an input of one sign, and the noise that is most likely
+    with it: what a beta that acts does not explain is white, what another one does not explain wanders. An input that
+    repeats explains as much a period later, and is left out.
     """
     if not any("beta" in term for term in terms):
         return False
     few = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, MOST_PLACEBO).round().astype(int))]
+    whole = together([piece.modes for piece in few])
 
     def of(columns: list[np.ndarray]) -> np.ndarray:
         """Return the likelihoods (k,) of k sets of columns (n, k, q), one array a piece."""
-        each = [[noise.largest for noise in noise_likelihoods([replace(piece.modes, phi=phi[:, k])
-                                                                for k in range(phi.shape[1])])]
-                for piece, phi in zip(few, columns, strict=True)]
-        return np.asarray(np.max(np.sum(each, axis=0), axis=(1, 2)))
+        phi = np.concatenate(columns)
+        noises = noise_likelihoods([replace(whole, phi=phi[:, k]) for k in range(phi.shape[1])])
+        return np.array([float(np.max(noise.largest)) for noise in noises])
 
     still = [k for k, term in enumerate(terms) if "beta" not in term]
     none = float(of([piece.modes.phi[:, None, still] for piece in few])[0])

@@ -34,3 +34,8 @@ class Lack:
         """Shares of the changes of theta_dot that are explained with what is lacking and without it, in words."""
         return (f"with it {100.0 * self.after:.3g} % of the changes of theta_dot are explained, without "
                 f"{100.0 * self.before:.3g} %")
+
+
+def is_passive(lack: Lack) -> bool:
+    """Whether a term that is lacking is one that a vehicle may have: a damping or a friction brakes."""
+    return lack.what not in ("theta_dot", FRICTION) or (lack.size or 0.0) < 0.0

@@ -38,6 +38,7 @@ def lacks_of(rows: Rows, terms: tuple[str, ...], pieces: list[Piece],
     path = FAST_THETA if np.var(rows.theta) > RUNS**2 * np.var(fast) else ""
     bent = bool(np.ptp(rows.attack) > LARGE)
     names = [term for term in LACKING if term not in terms and (term != "sin(theta)" or bent)
+             and (rows.has_theta or term not in (FAST_THETA, "sin(theta)"))
              and (term != "gamma" or rows.has_gamma) and (term != "beta_ddot" or rows.has_rate)
              and (term != FAST_THETA or (not (rows.has_gamma or "sin(theta)" in terms)
                   and np.var(fast) > SEEN**2 * rows.theta_noise))]

@@ -18,6 +18,8 @@ from .table import TESTS
 from .terms import INCREMENT, RELATIVE_TOLERANCE
 
 WRONG = TESTS["damping of a right sign"].limit  # standard deviations
+MOVES = ("theta", "sin(theta)")    # the term that a6 multiplies, the first that there is
+DRIVES_BY = ("beta", "beta^2")     # the same of k1
 DRIVES = 0.2         # of the largest term, that a damping of the wrong sign is: less is drawn from disturbances
 FINE_BANDS = 24      # in which the rest is asked whether it is white
 WHITENESS_P = TESTS["white rest"].limit  # p-value
@@ -115,15 +117,14 @@ def of_fit(rows: Rows, m: Modes, fit: Fit, e: Estimate, terms: tuple[str, ...]) 
     covariance = fit.covariance
     std = np.sqrt(np.diag(covariance))
     place = {term: k for k, term in enumerate(terms)}
-    pair = [place.get("theta", place.get("sin(theta)", -1)), place.get("beta", -1)]
+    pair = [next((place[term] for term in names if term in place), -1) for names in (MOVES, DRIVES_BY)]
+    sizes, relative = np.sqrt(np.sum(m.phi**2, axis=0)), std / np.abs(fit.xi)
+    worth = std * sizes / np.max(np.abs(fit.xi) * sizes)
+    if any(worth[k] > WORTH for k in pair if k >= 0) or (pair[1] >= 0 and relative[pair[1]] > 1.0):
+        return replace(blank, status=EstimateStatus.LOW_INFORMATION)   # a beta that may do nothing may be any column
     if min(pair) >= 0:
         correlation = covariance[pair[0], pair[1]] / std[pair[0]] / std[pair[1]]
-        relative = std[pair] / np.abs(fit.xi[pair])
-        sizes = np.sqrt(np.sum(m.phi**2, axis=0))
-        worth = std[pair] * sizes[pair] / np.max(np.abs(fit.xi) * sizes)
-        if relative[1] > 1.0 or np.max(worth) > WORTH:   # a beta that may do nothing may be any column
-            return replace(blank, status=EstimateStatus.LOW_INFORMATION)
-        if abs(correlation) > ALIKE and np.all(relative > VAGUE):
+        if abs(correlation) > ALIKE and np.all(relative[pair] > VAGUE):
             return replace(blank, status=EstimateStatus.SEPARATION)
     xi, support = np.zeros((len(terms), 3)), np.zeros((len(terms), 3), bool)
     xi[:, 1], support[:, 1] = fit.xi, True

@@ -10,6 +10,7 @@ from launchid_core import Config, Estimate, EstimateStatus
 
 from ..log.check import CheckedLog
 from ..log.rates import INTERPOLATED
+from ..weakform.bands import agreeing_top
 from ..weakform.estimate import widened, window_fits
 from ..weakform.fit import Fit
 from ..weakform.late import Late, Lead
@@ -18,12 +19,13 @@ from ..weakform.pieces import PER_COEFFICIENT
 from ..weakform.prepare import usable
 from ..weakform.rows import Rows
 from .input import late_input, lead_of
-from .lack import AT_REST, FRICTION, LACKING, Lack
+from .lack import AT_REST, LACKING, Lack, is_passive
 from .question import Question, question
 from .refusal import active_terms, refused
 from .window import WindowFit, against, agrees, held_out, is_driving, left_over, of_fit
 
 MOST_NUISANCES = 3   # that are fitted one after the other: a friction, a delay of beta, what is left of it
+EARLIEST = 1.0       # rows by which beta may act sooner than its row, where a logger writes it once it has acted
 WEAK_STATUSES = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # what something missing may look like
 
 
@@ -45,11 +47,12 @@ class Judged:
 
 
 def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], is_weak: bool,
-                   optional: tuple[str, ...] = ()) -> Judged:
+                   optional: tuple[str, ...] = (), joining: tuple[str, ...] = ()) -> Judged:
     """Test the numbers of each window on the whole log, and refuse those that it contradicts.
 
     is_weak   replace the numbers of the estimates by those of the weak form; only their windows are used
     optional  terms that the answer has too where their coefficient exceeds its deviation
+    joining   terms that the answer has too where the log shows that they act
     """
     if config.formulation == "filtered":   # it judges itself: of it the fits alone
         rows = usable(seen)
@@ -60,7 +63,7 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
         return Judged([refused(e) for e in estimates], [WindowFit() for _ in estimates], [Lack(INTERPOLATED)],
                       fitted=estimates)
     rows, asked, late, doubts = question_to(seen, config.terms if is_weak else asked_terms(config, estimates),
-                                            optional if is_weak else (), is_weak)
+                                            optional if is_weak else (), is_weak, joining)
     if rows is None:
         return Judged([refused(e, EstimateStatus.SHORT) if e.valid else e for e in estimates],
                       [WindowFit() for _ in estimates], [], unchecked=asked.unchecked, fitted=estimates)
@@ -80,28 +83,42 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
 
 
 @lru_cache(maxsize=1)
-def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, ...],
-                is_weak: bool) -> tuple[Rows | None, Question, Late | None, list[np.ndarray]]:
+def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, ...], is_weak: bool,
+                joining: tuple[str, ...] = ()) -> tuple[Rows | None, Question, Late | None, list[np.ndarray]]:
     """Return (usable rows of a log, the tests of its terms, how beta acts later than it is logged, betas (n,) that may
     act instead (`Late.doubts`)); cached, for one answer holds for all windows of a log.
 
-    is_weak   the numbers are fitted to these rows: a beta that acts later than it is logged does so in them, a friction
-              joins terms that nobody chose (`optional`), and the tests are made again
+    is_weak   the numbers are fitted to these rows: a beta that acts at another time than it is logged does so in them,
+              what acts of `joining` joins the terms, and the tests are made again
     """
-    logged = rows = usable(seen)
-    asked, late, doubts = question(rows, terms, optional), None, list[np.ndarray]()
+    logged = usable(seen)
+    found = _asked(logged, terms, optional, is_weak, joining)
+    if is_weak and logged is not None and not any(lack.what == "delay" for lack in found[1].lacks):
+        top = agreeing_top(found[1].pieces, found[1].terms)
+        if math.isfinite(top):
+            found = _asked(replace(logged, top=top), terms, optional, is_weak, joining)
+    return found
+
+
+def _asked(logged: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...], is_weak: bool,
+           joining: tuple[str, ...]) -> tuple[Rows | None, Question, Late | None, list[np.ndarray]]:
+    """Return the answer of `question_to` for the usable rows of a log."""
+    rows, asked, late, doubts = logged, question(logged, terms, optional), None, list[np.ndarray]()
     for _ in range(MOST_NUISANCES if is_weak else 0):
         found = {lack.what: lack for lack in asked.lacks}
         if asked.is_placebo or "clock" in found or not found or logged is None:
             break
-        if optional and FRICTION in found and (found[FRICTION].size or 0.0) < 0.0:
-            terms = (*terms, FRICTION)
+        if acting := tuple(what for what, lack in found.items() if what in joining and is_passive(lack)):
+            terms = (*terms, *acting)
         elif late is None:
             wider = (*asked.terms, *(what for what in found if what in LACKING))
             lead = asked.lead if "delay" in found else lead_of(asked.pieces, asked.terms, logged)
-            if lead is None or not lead.is_sure or lead.value < 0.0:
+            if lead is None or not lead.is_sure or lead.value < -EARLIEST * logged.period:
                 break
-            late = late_input(logged, wider) if "delay" in found else late_input(logged, asked.terms, wider)
+            if lead.value < 0.0:
+                late = Late(lead)
+            else:
+                late = late_input(logged, wider) if "delay" in found else late_input(logged, asked.terms, wider)
             if late is None:
                 break
             rows, doubts = late.acting(logged), late.doubts(logged)
@@ -154,7 +171,7 @@ def _of_window(rows: Rows, part: Rows, m: Modes, fit: Fit, e: Estimate, terms: t
     lacking = against(part, terms, xi, std, fit, m, asked.lacks)
     if unexplained is not None and not lacking:
         lacking = [unexplained]
-    if "theta_dot" in asked.known:   # which nobody asked for
+    if is_weak and "theta_dot" in terms:
         k = terms.index("theta_dot")
         if is_driving(xi[k], std[k], np.abs(xi) * np.sqrt(np.sum(m.phi**2, axis=0)), k):
             lacking = [Lack("driving", size=float(xi[k]), std=float(std[k]))]

@@ -17,6 +17,7 @@ from sim.nominal import Nominal
 from .check import CheckedLog
 from .live import part, rows_of
 from .log import Log
+from .rates import HELD_WORD
 
 Believed = TypeVar("Believed", bound=Nominal | None)
 
@@ -32,7 +33,8 @@ def is_of_commands(log: Log) -> bool:
     return not np.isfinite(log.beta).any() and bool(np.isfinite(log.beta_cmd).any())
 
 
-def with_nozzle(seen: CheckedLog, nominal: Believed) -> tuple[CheckedLog, Believed, tuple[str, ...]]:
+def with_nozzle(seen: CheckedLog, nominal: Believed, *,
+                is_held: bool = False) -> tuple[CheckedLog, Believed, tuple[str, ...]]:
     """Return (the checked log with a nozzle, the nominal that knows how little it is worth, a note on it), of a log of
     commands alone; any other log as it is.
 
@@ -41,6 +43,8 @@ def with_nozzle(seen: CheckedLog, nominal: Believed) -> tuple[CheckedLog, Believ
     seen : CheckedLog
     nominal : Nominal or None
         Its [actuator] predicts the nozzle; without it the command is the input.
+    is_held : bool
+        Give the nozzle's mean over the step to the next row, as of a beta that is held, in place of its value there.
     """
     log = seen.log
     if np.isfinite(log.beta).any() or not is_of_commands(log):
@@ -49,7 +53,10 @@ def with_nozzle(seen: CheckedLog, nominal: Believed) -> tuple[CheckedLog, Believ
     if nominal is None or nominal.actuator is None:
         return _given(seen, columns, log.beta_cmd, 0.0), nominal, (
             f"{log.path}: no column beta: the command is the input, and its delay and lag are fitted",)
-    given = _given(seen, columns, predicted(log, nominal), UNSEEN)
+    given = _given(seen, columns, (predicted_means if is_held else predicted)(log, nominal), UNSEEN)
+    if is_held:
+        rates = {**given.rates, "beta": replace(given.rates["beta"], kind=HELD_WORD)}
+        given = replace(given, data=replace(given.data, rates=rates))
     return given, cast("Believed", blind(nominal)), (said_of(log, nominal),)
 
 
@@ -107,12 +114,9 @@ def predicted(log: Log, nominal: Nominal) -> np.ndarray:
 
     By the servo's frequency response on an even grid, the commands held from row to row.
     """
-    actuator, rows = nominal.actuator, np.isfinite(log.t) & np.isfinite(log.beta_cmd)
+    actuator, period = nominal.actuator, log.period
     assert actuator is not None
-    order = np.argsort(log.t[rows], kind="stable")
-    at, command, period = log.t[rows][order], log.beta_cmd[rows][order], log.period
-    t = np.arange(at[0], at[-1] + period, period)
-    u = command[np.clip(np.searchsorted(at, t + 0.5 * period, side="right") - 1, 0, None)]
+    rows, _, t, u = commands_of(log)
     s = 2j * math.pi * np.fft.rfftfreq(2 * len(t), period)
     response = np.exp(-s * (actuator.delay + 0.5 * period))
     if actuator.time_constant > 0.0:
@@ -122,3 +126,46 @@ def predicted(log: Log, nominal: Nominal) -> np.ndarray:
         response = response / (1.0 + 2.0 * zeta * s / w + (s / w) ** 2)
     moved = u[0] + np.fft.irfft(np.fft.rfft(u - u[0], 2 * len(t)) * response, 2 * len(t))[:len(t)]
     return np.where(rows, np.interp(log.t, t, moved), math.nan)
+
+
+def commands_of(log: Log) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return (rows (n,) bool with a command, their stamps in order, an even grid [s], the command held there)."""
+    rows = np.isfinite(log.t) & np.isfinite(log.beta_cmd)
+    order = np.argsort(log.t[rows], kind="stable")
+    at, command = log.t[rows][order], log.beta_cmd[rows][order]
+    t = np.arange(at[0], at[-1] + log.period, log.period)
+    return rows, at, t, command[np.clip(np.searchsorted(at, t + 0.5 * log.period, side="right") - 1, 0, None)]
+
+
+def predicted_means(log: Log, nominal: Nominal) -> np.ndarray:
+    """Return the mean (n,) [rad] of the servo's nozzle from each row to the next, as of a beta that is held; NaN where
+    no command is known.
+
+    Steps of the command are exact in it, between the rows too: it is the second difference of the servo's answer to a
+    ramp, convolved with the commands.
+    """
+    rows, at, t, u = commands_of(log)
+    period = log.period
+    ages = period * np.arange(-1, len(t) + 1)
+    answer = np.diff(ramp_response(ages, nominal), 2) / period
+    mean = np.fft.irfft(np.fft.rfft(u - u[0], 2 * len(t)) * np.fft.rfft(answer, 2 * len(t)), 2 * len(t))[:len(t)]
+    whole = np.concatenate([[0.0], period * np.cumsum(mean)])
+    edges = np.append(at, at[-1] + period)
+    area = np.diff(np.interp(edges, np.append(t, t[-1] + period), whole))
+    given, order = np.full(len(log.t), math.nan), np.argsort(log.t[rows], kind="stable")
+    given[np.flatnonzero(rows)[order]] = u[0] + area / np.maximum(np.diff(edges), 1e-12)
+    return given
+
+
+def ramp_response(age: np.ndarray, nominal: Nominal) -> np.ndarray:
+    """Return the integral (n,) [s] of the servo's answer to a unit step, `age` (n,) [s] after it."""
+    servo = nominal.actuator
+    assert servo is not None
+    x = np.maximum(age - servo.delay, 0.0)
+    if servo.time_constant > 0.0:
+        return np.asarray(x - servo.time_constant * -np.expm1(-x / servo.time_constant))
+    w, zeta = servo.natural_frequency, servo.damping_ratio
+    apart = np.sqrt(complex(zeta**2 - 1.0)) if zeta != 1.0 else 1e-6   # equal poles: as near as rounding allows
+    first, second = -w * (zeta - apart), -w * (zeta + apart)
+    sway = second * (np.expm1(first * x)) / first - first * np.expm1(second * x) / second
+    return np.asarray(x + (sway / (first - second)).real)

@@ -8,6 +8,7 @@ import numpy as np
 from launchid_core import Estimate
 
 from ..chi_square import quantile
+from .bands import disagreements
 from .fit import SPAN, Fit, Prior, gls_of_all, least, least_squares_covariance, noise_likelihoods
 from .late import with_betas
 from .modes import Modes, term_modes
@@ -70,13 +71,15 @@ def window_fits(rows: Rows, windows: list[tuple[Rows, tuple[str, ...], Modes | N
 
 
 def changes_of(whole: Whole) -> tuple[dict[str, float], dict[str, float]]:
-    """Return by term (how fast [its unit/s] a6 and k1 change in the log, the variances by which they scatter).
+    """Return by term (how fast [its unit/s] a6 and k1 change in the log, the variances by which coefficients scatter).
 
     The spread of the pieces' own beyond their deviations (DerSimonian and Laird 1986) is a change, as of one that goes
     up and down once. Where neighbours are as unlike as others (von Neumann 1941) it is scatter too, which no vehicle
-    does and the deviations of windows do not know. Nothing is found where it may be chance.
+    does and the deviations of windows do not know; so is what slow modes say otherwise than all (`bands`). Nothing is
+    found where it may be chance.
     """
-    pieces, change, scatter = whole.pieces, dict[str, float](), dict[str, float]()
+    pieces, change = whole.pieces, dict[str, float]()
+    scatter = {term: each for term, each in zip(whole.terms, disagreements(pieces).tolist(), strict=False) if each}
     span = pieces[-1].rows.t[0] - pieces[0].rows.t[0] if pieces else 0.0
     for k, term in enumerate(whole.terms):
         told = [(p.fit.xi[k], p.fit.covariance[k, k]) for p in pieces if not p.fit.is_singular]
@@ -91,7 +94,7 @@ def changes_of(whole: Whole) -> tuple[dict[str, float], dict[str, float]]:
             variance = np.average((x - np.average(x, weights=w)) ** 2, weights=w)
             apart = np.average(np.diff(x) ** 2, weights=1.0 / (v[1:] + v[:-1] + 2.0 * beyond))
             if len(x) >= FEWEST_ALIKE and apart > UNLIKE * variance:
-                scatter[term] = beyond
+                scatter[term] = scatter.get(term, 0.0) + beyond
             change[term] = 2.0 * math.pi / span * math.sqrt(beyond)
     return change, scatter
 

@@ -50,7 +50,8 @@ class Fit:
     """Coefficients xi (q,) and covariance (q, q) of a regression in n modes, and how its residual is spread.
 
     variance (n,) of each mode;  whitened (n,) residuals over their standard deviations;  leverage (n,) of each mode on
-    xi, q in sum;  left  modes less coefficients;  is_singular  columns cannot be told apart, xi is NaN
+    xi, q in sum;  disturbed (n,) share of a mode's noise that is disturbance;  left  modes less coefficients
+    is_singular  columns cannot be told apart, xi is NaN
     """
 
     xi: np.ndarray
@@ -58,6 +59,7 @@ class Fit:
     variance: np.ndarray
     whitened: np.ndarray
     leverage: np.ndarray
+    disturbed: np.ndarray
     left: int
     is_singular: bool = False
 
@@ -93,7 +95,7 @@ def gls_of_all(regressions: Sequence[Modes], likelihoods: Sequence[np.ndarray] |
         n, q = stack.phi.shape[2], stack.phi.shape[1] + stack.ends.shape[1]
         s, accumulated = mixed(stack, np.stack([likelihoods[k] for k in group]),
                                np.stack([owns[k].scale for k in group]))
-        disturbed = np.sum(accumulated / s, axis=1)
+        disturbed = accumulated / s
         fits |= {k: unknown(regressions[k], np.ones(n), y) for k, y in zip(group, stack.y, strict=True) if not y.any()}
         left = [j for j, k in enumerate(group) if k not in fits]   # the others are at rest
         for step in range(3):   # scale; what the quadrature of these coefficients may be off; the rest's own spectrum
@@ -102,7 +104,7 @@ def gls_of_all(regressions: Sequence[Modes], likelihoods: Sequence[np.ndarray] |
             at = stack.part(left)
             root = np.sqrt(s[left])
             w = apart(at, root, at.phi) / root[:, None]
-            xi, covariance, is_told = solved(at, s[left], w, prior if step else (), disturbed[left])
+            xi, covariance, is_told = solved(at, s[left], w, prior if step else (), np.sum(disturbed[left], axis=1))
             e = apart(at, root, (at.y - np.einsum("akn,ak->an", at.phi, xi))[:, None])[:, 0] / root
             leverage = np.einsum("akn,akn->an", np.einsum("akl,aln->akn", covariance, w), w)
             scale = np.maximum(np.einsum("an,an->a", e, e) / max(n - q, 1), 1e-300)
@@ -118,7 +120,7 @@ def gls_of_all(regressions: Sequence[Modes], likelihoods: Sequence[np.ndarray] |
                     s[j] = s[j] * scale[i] + doubt[i]
                     going.append(j)
                     continue
-                fit = Fit(xi[i], covariance[i], s[j].copy(), e[i], leverage[i], n - q)
+                fit = Fit(xi[i], covariance[i], s[j].copy(), e[i], leverage[i], disturbed[j], n - q)
                 frequency, squares, many, _ = spectrum(fit, m, SPECTRUM_BANDS)
                 p = whiteness(squares, many)
                 if p is None or p > UNEVEN or step == 2:
@@ -134,7 +136,7 @@ def gls_of_all(regressions: Sequence[Modes], likelihoods: Sequence[np.ndarray] |
 def unknown(m: Modes, variance: np.ndarray, nothing: np.ndarray) -> Fit:
     """Return a Fit without coefficients, for columns that cannot be told apart; `nothing` (n,) for its residuals."""
     q = m.phi.shape[1]
-    return Fit(np.full(q, math.nan), np.full((q, q), math.nan), variance, nothing, nothing,
+    return Fit(np.full(q, math.nan), np.full((q, q), math.nan), variance, nothing, nothing, nothing,
                len(m.y) - q - m.ends.shape[1], True)
 
 
@@ -185,6 +187,13 @@ def apart(m: Stack, root: np.ndarray, x: np.ndarray) -> np.ndarray:
     return x - np.einsum("aqk,akn->aqn", told, ends) * root[:, None]
 
 
+def whitened_columns(m: Modes, variance: np.ndarray) -> np.ndarray:
+    """Return the columns (n, q) of a regression over the standard deviations of its modes, less their projection on
+    `m.ends`; variance (n,) of the modes."""
+    root = np.sqrt(variance)[None]
+    return np.asarray((apart(Stack.of([m]), root, np.ascontiguousarray(m.phi.T)[None])[0] / root).T)
+
+
 def solved(m: Stack, s: np.ndarray, w: np.ndarray, prior: Prior,
            disturbed: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (coefficients (a, q), covariances (a, q, q), (a,) bool: the columns can be told apart) from whitened
@@ -194,14 +203,13 @@ def solved(m: Stack, s: np.ndarray, w: np.ndarray, prior: Prior,
     squares), and from products with a slope of theta what its noise adds; so is what a disturbance adds to a measured
     rate within its row: `disturbed` (a,) is the number of modes whose noise is disturbance.
     """
-    curl = m.first.curl
     gram, right = np.einsum("akn,aln->akl", w, w), np.einsum("akn,an->ak", w, m.y / np.sqrt(s))
-    passed = m.step**2 * (1.0 - 0.25 * curl) * (1.0 + curl / 12.0) ** 2 / s   # of Gregory's rule
+    of_square, of_motion = passed_by(m.first)
+    passed = m.step**2 * of_square / s
     total = np.sum(passed, axis=1)[:, None, None]
     inner = gram - m.sensor * total
     right = right - m.ahead * disturbed[:, None]
-    if not m.first.has_rate:
-        right = right + m.motion * np.sum(curl * (1.0 - 0.25 * curl) / s, axis=1)[:, None]
+    right = right + m.motion * np.sum(of_motion / s, axis=1)[:, None]
     for k, value, std in prior:
         gram[:, k, k] += 1.0 / std**2
         inner[:, k, k] += 1.0 / std**2
@@ -219,6 +227,14 @@ def solved(m: Stack, s: np.ndarray, w: np.ndarray, prior: Prior,
         off = np.einsum("akl,alm,am->ak", inverse, m.unsure * total / square_of, xi)
         spread = inverse @ whole @ inverse + off[:, :, None] * off[:, None, :]
         return xi / size, spread / square_of, is_told
+
+
+def passed_by(m: Modes) -> tuple[np.ndarray, np.ndarray]:
+    """Return what unit white noise of a term, over unit steps, adds to each mode (n,): (to the square of the term's
+    integral, to its product with the change of a theta_dot that is made of theta, whose noise it is)."""
+    trapezium = (1.0 - 0.25 * m.curl) * (1.0 + m.curl / 12.0) ** 2   # of Gregory's rule
+    mean_over_row = 1.0 - m.curl / 12.0 - m.curl**2 / 48.0
+    return (trapezium, np.zeros(len(m.curl))) if m.has_rate else (mean_over_row**2, m.curl * mean_over_row)
 
 
 def inverted(a: np.ndarray, is_root: bool = False) -> np.ndarray:

@@ -16,7 +16,8 @@ columns are means over the row.
 
 import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -109,11 +110,13 @@ class Frame(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def noises_of(n: int, has_rate: bool) -> tuple[np.ndarray, ...]:
-    """Return for n modes of a stretch (angles (n,) [rad], lambda (n,), noise variances (3, n) as in `Modes`)."""
-    angle = np.pi * np.arange(1, n + 1) / (n + 1)
+def noises_of(n: int, has_rate: bool, used: int | None = None) -> tuple[np.ndarray, ...]:
+    """Return for the first `used` = k of n modes of a stretch, None: all, (angles (k,) [rad], lambda (k,), noise
+    variances (3, k) as in `Modes`)."""
+    used = n if used is None else used
+    angle = np.pi * np.arange(1, used + 1) / (n + 1)
     curl = 2.0 - 2.0 * np.cos(angle)
-    return angle, curl, np.stack([np.ones(n), curl if has_rate else curl**2, 1.0 / curl])
+    return angle, curl, np.stack([np.ones(used), curl if has_rate else curl**2, 1.0 / curl])
 
 
 def sines(x: np.ndarray) -> np.ndarray:
@@ -134,6 +137,15 @@ def areas(t: np.ndarray, values: np.ndarray, ends: np.ndarray) -> tuple[np.ndarr
     return 0.5 * np.diff(t)[:, None] * (ends[1:] + values[:-1]) - off, off
 
 
+def used_modes(rows: Rows, a: int, b: int) -> int:
+    """Return how many modes of the stretch from row a to row b - 1 are used: those that are no faster than rows.top."""
+    n = b - a - (1 if rows.has_rate else 2)
+    if not math.isfinite(rows.top):
+        return n
+    step = (rows.t[b - 1] - rows.t[a]) / (b - a - 1)
+    return min(n, max(int(rows.top * step * (n + 1) / math.pi), 1))
+
+
 def frame_of(rows: Rows) -> Frame:
     """Return the changes of theta_dot, or of theta's slopes where it is not measured, in modes, with their noise."""
     parts, ends, noises = list[tuple[np.ndarray, ...]](), list[np.ndarray](), list[np.ndarray]()
@@ -141,12 +153,13 @@ def frame_of(rows: Rows) -> Frame:
         step = np.diff(rows.t[a:b])
         rise = np.diff(rows.theta_dot[a:b]) if rows.has_rate else np.diff(np.diff(rows.theta[a:b]) / step)
         n, h = len(rise), float(np.mean(step))
-        angle, curl, shapes = noises_of(n, rows.has_rate)
+        used = used_modes(rows, a, b)
+        angle, curl, shapes = noises_of(n, rows.has_rate, used)
         noises.append(shapes)
-        parts.append((sines(rise[:, None])[:, 0], curl, np.full(n, h), angle / h))
+        parts.append((sines(rise[:, None])[:used, 0], curl, np.full(used, h), angle / h))
         if not rows.has_rate:
             first = np.sqrt(2.0 / (n + 1)) * np.sin(angle)
-            ends.append(np.column_stack([first, first * (-1.0) ** np.arange(n)]))
+            ends.append(np.column_stack([first, first * (-1.0) ** np.arange(used)]))
     if len(parts) == 1:
         y, curl, step, frequency = parts[0]
         return Frame(y, curl, step, frequency, ends[0] if ends else np.zeros((len(y), 0)), noises[0])
@@ -168,10 +181,11 @@ def in_modes(rows: Rows, values: np.ndarray, ends: np.ndarray, *, with_doubt: bo
     parts = [np.zeros((0, 2 * q if with_doubt else q))]
     for a, b in rows.stretches:
         area, off = areas(rows.t[a:b], values[a:b], ends[a:b])
-        if not rows.has_rate:  # of the integrals' means over the rows
+        if not rows.has_rate:  # of the integrals' means over the rows, by the rule of Euler and Maclaurin
             whole = np.vstack([np.zeros(q), np.cumsum(area, axis=0)])
-            area, off = np.diff(0.5 * (whole[1:] + whole[:-1]), axis=0), off[1:]
-        parts.append(sines(np.hstack([area, off]) if with_doubt else area))
+            bent = np.diff(rows.t[a:b])[:, None] / 12.0 * (ends[a + 1:b] - values[a:b - 1])
+            area, off = np.diff(0.5 * (whole[1:] + whole[:-1]) - bent, axis=0), off[1:]
+        parts.append(sines(np.hstack([area, off]) if with_doubt else area)[:used_modes(rows, a, b)])
     return parts[-1] if len(parts) == 2 else np.concatenate(parts)
 
 
@@ -218,6 +232,15 @@ def term_modes(rows: Rows, terms: tuple[str, ...]) -> Modes:
     return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, ends, noises, sensor,
                  rows.beta_doubt * nozzle,
                  rows.theta_noise * by_theta.mean(axis=0), 0.5 * rows.period * by_rate.mean(axis=0))
+
+
+def together(parts: Sequence[Modes]) -> Modes:
+    """Return regressions with the same terms as one, whose coefficients all have; without the noise beyond their ends.
+    """
+    y, phi, doubt, curl, step, frequency = (np.concatenate([getattr(m, name) for m in parts]) for name in (
+        "y", "phi", "doubt", "curl", "step", "frequency"))
+    return replace(parts[0], y=y, phi=phi, doubt=doubt, curl=curl, step=step, frequency=frequency,
+                   ends=np.zeros((len(y), 0)), noises=np.concatenate([m.noises for m in parts], axis=1))
 
 
 def derivatives(rows: Rows, term: str, value: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..log.check import BRIDGED, CheckedLog
+from ..log.rate_alone import has_attitude
 from ..log.rates import HELD_WORD
 from ..series import filled
 from .noise import noise_variance, nozzle_noise, with_noise_levels
-from .rows import MIN_ROWS_A_STRETCH, SLOPE_SPAN, Rows, before, slope
+from .rows import MIN_ROWS_A_STRETCH, Rows, before, rate_of
 
 FINE = 0.005         # s from row to row: nothing that a vehicle does is faster
 JUDGED_ROWS = 50_000  # that are judged: of a long log means of more of them
@@ -43,11 +44,12 @@ def usable(seen: CheckedLog, *, is_steadied: bool = True) -> Rows | None:
     t, row = t[there], np.flatnonzero(there)
     theta, beta = columns["theta"][there], columns["beta"][there]
     path = log.flight_path[times][there]
-    rate = columns["theta_dot"][there] if has_rate else slope(t, theta, max(1, round(SLOPE_SPAN / log.period)))
+    rate = columns["theta_dot"][there] if has_rate else rate_of(t, theta, log.period)
     step = np.diff(t)
     cuts = np.flatnonzero((step > LONGEST_ROW_STEP * np.median(step)) | (np.diff(row) > 1)) + 1
     rows = Rows(t, theta, filled(path, t), rate, beta, has_rate, bool(np.isfinite(path).any()),
-                np.concatenate([[0], cuts, [len(t)]]), is_held=seen.rates["beta"].kind == HELD_WORD)
+                np.concatenate([[0], cuts, [len(t)]]), is_held=seen.rates["beta"].kind == HELD_WORD,
+                has_theta=has_attitude(seen.raw))
     command = log.beta_cmd[times][there]
     if np.array_equal(command, beta):   # a command holds until the next
         rows = replace(rows, is_held=True, is_command=True)

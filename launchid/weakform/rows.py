@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 
-SLOPE_SPAN = 0.05    # s to either side of a rate that is the slope of a column, where a rate is a term
+from ..series import white_variance
+
+SLOPE_SPAN = 0.05    # s to either side, at most, of a rate that is the slope of a column, where a rate is a term
+RATE_NOISE = 0.05    # of the rate's own deviation, that its noise may be: 0.25 % of its square
 MIN_ROWS_A_STRETCH = 4  # rows of a stretch
 BRIEF = 0.02         # s of a slope of beta: a nozzle does nothing faster
 
@@ -18,11 +21,13 @@ class Rows:
     """The usable rows of a log: times that increase, everything finite.
 
     t [s], theta, gamma [rad] (0 where no flight path is known), theta_dot [rad/s], beta [rad], each (n,)
-    has_rate   theta_dot was measured, not made of theta;  has_gamma  a flight path is known
+    has_rate   theta_dot was measured, not made of theta;  has_theta  theta was, not made of theta_dot
+    has_gamma  a flight path is known
     bounds     first row of each stretch without a gap, and n at the end
     is_held    beta is constant from each of its values to the next;  is_command: it is the command itself
     theta_noise, rate_noise, beta_noise  variances of the sensors' white noise, as their rows show it
     beta_doubt  uncertainty of beta_noise: it is noise, or motion from row to row
+    top    [rad/s]  modes that are faster are not used
     fast (n,)  theta less its mean over FAST_TIME before, by the whole log;  (0,): not computed yet
     """
 
@@ -40,6 +45,8 @@ class Rows:
     beta_doubt: float = 0.0
     is_held: bool = False
     is_command: bool = False
+    has_theta: bool = True
+    top: float = math.inf
     fast: np.ndarray = field(default_factory=lambda: np.zeros(0))
     transformed: dict[str, Any] = field(default_factory=dict, init=False)   # what `modes` made of the rows so far
 
@@ -89,6 +96,15 @@ def slope(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
     at = np.arange(len(t))
     before, after = np.maximum(at - rows, 0), np.minimum(at + rows, len(t) - 1)
     return np.asarray((x[after] - x[before]) / (t[after] - t[before]))
+
+
+def rate_of(t: np.ndarray, theta: np.ndarray, period: float) -> np.ndarray:
+    """Return the rate (n,) [rad/s] of theta (n,) [rad] over t (n,) [s], rows `period` [s] apart: its slope over as few
+    rows as make theta's noise RATE_NOISE of the rate, or reach SLOPE_SPAN. A wider one flattens what is fast."""
+    most = max(1, round(SLOPE_SPAN / period))
+    widest = slope(t, theta, most)
+    noise = math.sqrt(0.5 * white_variance(theta, typical=True)) / period
+    return slope(t, theta, min(most, max(1, math.ceil(noise / max(RATE_NOISE * float(np.std(widest)), 1e-300)))))
 
 
 def means_about(t: np.ndarray, x: np.ndarray, around: int) -> np.ndarray:
