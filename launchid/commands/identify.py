@@ -25,6 +25,7 @@ from ..cli.options import (
     given,
     logs_of,
 )
+from ..log.table import DRIVEN, MOVING
 from ..report.answer import Answer, flat
 
 if TYPE_CHECKING:
@@ -67,8 +68,8 @@ def run(args: argparse.Namespace) -> None:
     names, nominals = logs_of(args)
     if args.resid and len(names) > 1:
         raise UsageError(f"--resid {args.resid}: draws the residuals of one log; found {len(names)}")
+    logs = [read_noting(name, *(MOVING if nominals else DRIVEN), **reading(args)) for name in names]
     nominal = read_nominal(nominals[0]) if nominals else None
-    logs = [read_noting(name, *_required(nominal), **reading(args)) for name in names]
     check_outputs(args.json, plots=(args.plot, args.resid), folder=args.report)
     result = identify(logs if len(logs) > 1 else logs[0], nominal, **given(identify, args))
     if args.report:
@@ -121,15 +122,16 @@ def identify(log: LogSources, nominal: NominalSource | None = None, *, window: f
     from ..report.identification import report_of
     from ..sources import is_several, load_nominal, read_log, several_logs
     nominal = None if nominal is None else load_nominal(nominal)
+    required = DRIVEN if nominal is None else MOVING   # a nominal may have no term with theta
     if is_several(log):
         from ..report.flights import joined
         asked: dict[str, Any] = {
             "window": window, "tracked": tracked, "library": library, "formulation": formulation, "solver": solver,
             "threshold": threshold, "compression": compression, "seed": seed, "noise": noise, "strict": strict}
         found = [cast("Identification", identify(each, nominal, **asked))
-                 for each in progress.each(several_logs(log, _required(nominal)), "logs identified")]
+                 for each in progress.each(several_logs(log, required), "logs identified")]
         return joined(found, nominal) if len(found) > 1 else found[0]
-    made = identified_log(read_log(cast("LogSource", log), _required(nominal)), nominal, window=window,
+    made = identified_log(read_log(cast("LogSource", log), required), nominal, window=window,
                           tracked=tracked, library=library, formulation=formulation, strict=strict, solver=solver,
                           threshold=threshold, compression=compression, seed=seed, noise=noise)
     log, result = made.log, made.result
@@ -141,13 +143,6 @@ def identify(log: LogSources, nominal: NominalSource | None = None, *, window: f
     changes = result.estimator.changes() if result.config.formulation == "filtered" else ()
     return Identification(log, nominal, result.config, result.judged.estimates, fitted, report, made.library, changes,
                           made.warnings, result.is_weak, result.judged.late)
-
-
-def _required(nominal: Nominal | None) -> tuple[str, ...]:
-    """Return the columns that a log must have: a nominal may have no term with theta."""
-    from ..log.rate_alone import RATE_OR_ATTITUDE
-    from ..log.table import DRIVEN
-    return DRIVEN if nominal is None else RATE_OR_ATTITUDE
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,12 +3,11 @@
 import math
 from dataclasses import dataclass
 
-from ..weakform.modes import FAST_THETA
+from ..weakform.modes import FAST_THETA, FRICTION
 
-LIBRARY = ("1", "theta_dot", "sin(theta)", "sign(theta_dot)", "beta^2")  # terms that a library may have
-LACKING = ("1", "theta_dot", "gamma", FAST_THETA, "sin(theta)", "sign(theta_dot)", "beta^2",
+LIBRARY = ("1", "theta_dot", "sin(theta)", FRICTION, "beta^2")  # terms that a library may have
+LACKING = ("1", "theta_dot", "gamma", FAST_THETA, "sin(theta)", FRICTION, "beta^2",
            "beta_ddot")  # terms that an answer may lack, the simpler first
-FRICTION = "sign(theta_dot)"
 AT_REST = "beta at rest"
 
 

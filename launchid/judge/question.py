@@ -9,11 +9,14 @@ that the answer lacks explains what is left, and whether that is as white as was
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from ..weakform.late import Lead
 from ..weakform.pieces import Piece, Whole, beside, pieces_of, pooled
 from ..weakform.rows import Rows
 from .input import STRETCH, placebo
 from .lack import LACKING, Lack
+from .table import TESTS
 from .terms import lacks_of
 
 STRONG = 0.05        # of the changes of theta_dot, that a term explains beside a beta that is no input of them
@@ -61,6 +64,13 @@ def question(rows: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...
                   if not whole else "theta and beta hardly move, or move as one: no coefficient can be tested; log a "
                   "stretch in which beta moves by itself")
         return Question(rows, terms, [], None, [], reason)
+    if "theta_dot" in terms and not rows.has_rate:
+        k = terms.index("theta_dot")
+        fades = -float(np.average([piece.fit.xi[k] for piece in pieces],
+                                  weights=[1.0 / piece.fit.covariance[k, k] for piece in pieces]))
+        if fades * rows.period > TESTS["rows faster than the damping"].limit:
+            return Question(rows, terms, [], None, [], f"theta_dot fades within {1.0 / fades:.2g} s, and is not "
+                            f"measured: log it, or theta every {1.0 / (3.0 * fades):.1g} s")
     known = {}
     for term in optional:
         more = beside(pieces, (*terms, term))

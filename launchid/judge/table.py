@@ -33,6 +33,9 @@ TESTS = {
     "rows enough": Test(
         "an answer can be tested", "modes for each coefficient", PER_COEFFICIENT, "modes",
         "of fewer the rest's spectrum is not known"),
+    "rows faster than the damping": Test(
+        "a rate that is made of theta is known within a row", "rate damping times the period", 1.0 / 3.0, "",
+        "three rows a time constant: the cubic through four rows is then 1 % off"),
     "beta at every row": Test(
         "beta acts as it is logged between its own values", "corners of lines, regular rows apart, with many slopes",
         FEWEST_SLOPES, "slopes", "a triangular or rate-limited motion has two or three"),

@@ -33,7 +33,8 @@ WEAK_STATUSES = (EstimateStatus.SEPARATION, EstimateStatus.LOW_INFORMATION)  # w
 class Judged:
     """The windows as judged: estimates (refused if the log contradicts them), fit of each, lacks, when beta acts, what
     was not tested, the weak form's estimates before, terms that were tested, and of the weak form the covariance (q, q)
-    of each window's terms (None: it has none)."""
+    of each window's terms (None: it has none), those of its terms that joined since the log shows them, and the highest
+    frequency [rad/s] that it uses."""
 
     estimates: list[Estimate]
     fits: list[WindowFit]
@@ -44,6 +45,8 @@ class Judged:
     fitted: list[Estimate] = field(default_factory=list)
     terms: tuple[str, ...] = ()
     covariances: list[np.ndarray | None] = field(default_factory=list)
+    joined: tuple[str, ...] = ()
+    top: float = math.inf
 
 
 def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], is_weak: bool,
@@ -79,7 +82,8 @@ def judged_windows(seen: CheckedLog, config: Config, estimates: list[Estimate], 
             terms, reason = rest.terms, ""
             lacks = {lack.what: lack for lack in (Lack(AT_REST), *rest.lacks)}
     return Judged([e for e, *_ in made], [fit for _, fit, *_ in made], list(lacks.values()), asked.lead, late, reason,
-                  [fitted for *_, fitted in made], terms, covariances if is_weak else [])
+                  [fitted for *_, fitted in made], terms, covariances if is_weak else [],
+                  tuple(term for term in asked.terms if term in joining and term not in config.terms), rows.top)
 
 
 @lru_cache(maxsize=1)

@@ -13,9 +13,8 @@ import numpy as np
 from ..series import filled
 from .check import CheckedLog
 from .log import Log
-from .table import DRIVEN, EITHER, places
+from .table import DRIVEN, places
 
-RATE_OR_ATTITUDE = ("t", f"theta{EITHER}theta_dot", DRIVEN[-1])   # columns that a log of rates alone has, too
 FADES = 1.0   # s
 
 

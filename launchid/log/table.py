@@ -17,6 +17,7 @@ from sim.errors import InputError
 
 REQUIRED = ("t", "theta", "beta")
 DRIVEN = ("t", "theta", "beta or beta_cmd")   # the same, where a command may stand for the nozzle
+MOVING = ("t", "theta or theta_dot", "beta or beta_cmd")   # the same, where no term of the equation needs theta
 OPTIONAL = ("theta_dot", "theta_ddot", "beta_cmd", "theta_ref", "gamma", "alpha", "rate_ref")
 UNITS = {"t": "s", "theta": "rad", "beta": "rad", "theta_dot": "rad/s", "theta_ddot": "rad/s^2", "beta_cmd": "rad",
          "theta_ref": "rad", "gamma": "rad", "alpha": "rad", "rate_ref": "rad/s"}

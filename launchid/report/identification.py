@@ -3,6 +3,7 @@
 import collections
 import dataclasses
 import itertools
+import math
 from typing import Any
 
 from launchid_core import Change, Estimate, Estimator, Model, Status
@@ -142,6 +143,8 @@ def report_of(result: Identified, tracked: bool = False) -> dict[str, Any]:
     lead, late = result.judged.lead, result.judged.late
     if late is not None:
         said["late"] = late.json
+    if math.isfinite(result.judged.top):
+        said["top"] = json_number(result.judged.top)
     return said | {"delay": None if lead is None else lead.json}
 
 REASONS = {"SHORT": "too few usable rows", "GAP": "a gap leaves too few rows",

@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from .fit import Fit, passed_by, whitened_columns
-from .modes import Modes
+from .modes import FRICTION, Modes
 from .pieces import PER_COEFFICIENT, Piece
 
 CUTS = 16            # frequencies, evenly in their logarithm, below which modes are called slow
 APART = 4.0          # standard deviations, beyond which a difference is no chance: 1e-3 for CUTS and two coefficients
 TELLS = 0.05         # of what is known of a coefficient, that slow modes tell and that faster ones tell: else nothing
 #                      is compared
-NUISANCES = ("1", "theta_dot", "sign(theta_dot)")   # terms that are fitted beside those that are asked for
+NUISANCES = ("1", "theta_dot", FRICTION)   # terms that are fitted beside those that are asked for
 
 
 class Bands(NamedTuple):
@@ -52,15 +52,16 @@ def bands_of(pieces: Sequence[Piece]) -> Bands | None:
 def _below(m: Modes, fit: Fit, cuts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return a piece's part of `Bands`: information, white, score, count."""
     whitened = whitened_columns(m, fit.variance)
-    of_square, of_motion = passed_by(m)
-    passed = m.step**2 * of_square / fit.variance
+    of_square, of_motion, of_turn = passed_by(m)
+    passed, turned = m.step**2 * of_square / fit.variance, of_turn / fit.variance
     score = whitened * fit.whitened[:, None] + np.outer(passed, m.sensor @ fit.xi) \
-        + np.outer(of_motion / fit.variance, m.motion) - np.outer(fit.disturbed, m.ahead)
+        + np.outer(turned, m.turned * fit.xi) + np.outer(of_motion / fit.variance, m.motion) \
+        - np.outer(fit.disturbed, m.ahead)
     below = [m.frequency <= cut for cut in cuts.tolist()]
     white = np.stack([whitened[at].T @ whitened[at] for at in below])
-    sensed = np.array([float(np.sum(passed[at])) for at in below])
-    return (white - m.sensor * sensed[:, None, None], white, np.stack([np.sum(score[at], axis=0) for at in below]),
-            np.array([np.count_nonzero(at) for at in below]))
+    sensed, moved = (np.array([float(np.sum(x[at])) for at in below])[:, None, None] for x in (passed, turned))
+    return (white - m.sensor * sensed - np.diag(m.turned) * moved, white,
+            np.stack([np.sum(score[at], axis=0) for at in below]), np.array([np.count_nonzero(at) for at in below]))
 
 
 def differences(bands: Bands, top: int) -> tuple[np.ndarray, np.ndarray]:

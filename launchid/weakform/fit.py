@@ -144,7 +144,7 @@ def unknown(m: Modes, variance: np.ndarray, nothing: np.ndarray) -> Fit:
 class Stack:
     """Regressions with the same modes: the arrays of `Modes` with the number a of the regression first, the modes last.
 
-    y, step (a, n);  phi, doubt (a, q, n);  ends (a, k, n);  sensor, unsure (a, q, q);  motion, ahead (a, q)
+    y, step (a, n);  phi, doubt (a, q, n);  ends (a, k, n);  sensor, unsure (a, q, q);  motion, turned, ahead (a, q)
     first  one of the regressions, for what all have in common
     """
 
@@ -156,23 +156,25 @@ class Stack:
     sensor: np.ndarray
     unsure: np.ndarray
     motion: np.ndarray
+    turned: np.ndarray
     ahead: np.ndarray
     first: Modes
 
     @staticmethod
     def of(regressions: Sequence[Modes]) -> "Stack":
         """Return the stack of regressions, which must have the same modes."""
-        y, step, sensor, unsure, motion, ahead = (np.stack([getattr(m, name) for m in regressions]) for name in (
-            "y", "step", "sensor", "unsure", "motion", "ahead"))
+        names = ("y", "step", "sensor", "unsure", "motion", "turned", "ahead")
+        y, step, sensor, unsure, motion, turned, ahead = (np.stack([getattr(m, name) for m in regressions])
+                                                          for name in names)
         phi, doubt, ends = (np.ascontiguousarray(np.stack([getattr(m, name).T for m in regressions]))
                             for name in ("phi", "doubt", "ends"))
-        return Stack(y, step, phi, doubt, ends, sensor, unsure, motion, ahead, regressions[0])
+        return Stack(y, step, phi, doubt, ends, sensor, unsure, motion, turned, ahead, regressions[0])
 
     def part(self, at: list[int]) -> "Stack":
         """Return the stack of the regressions with indices `at`."""
         return self if len(at) == len(self.y) else Stack(
             self.y[at], self.step[at], self.phi[at], self.doubt[at], self.ends[at], self.sensor[at], self.unsure[at],
-            self.motion[at], self.ahead[at], self.first)
+            self.motion[at], self.turned[at], self.ahead[at], self.first)
 
 
 def apart(m: Stack, root: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -204,10 +206,11 @@ def solved(m: Stack, s: np.ndarray, w: np.ndarray, prior: Prior,
     rate within its row: `disturbed` (a,) is the number of modes whose noise is disturbance.
     """
     gram, right = np.einsum("akn,aln->akl", w, w), np.einsum("akn,an->ak", w, m.y / np.sqrt(s))
-    of_square, of_motion = passed_by(m.first)
+    of_square, of_motion, of_turn = passed_by(m.first)
     passed = m.step**2 * of_square / s
     total = np.sum(passed, axis=1)[:, None, None]
-    inner = gram - m.sensor * total
+    turned = m.turned * np.sum(of_turn / s, axis=1)[:, None]
+    inner = gram - m.sensor * total - turned[:, :, None] * np.eye(turned.shape[1])
     right = right - m.ahead * disturbed[:, None]
     right = right + m.motion * np.sum(of_motion / s, axis=1)[:, None]
     for k, value, std in prior:
@@ -229,12 +232,15 @@ def solved(m: Stack, s: np.ndarray, w: np.ndarray, prior: Prior,
         return xi / size, spread / square_of, is_told
 
 
-def passed_by(m: Modes) -> tuple[np.ndarray, np.ndarray]:
+def passed_by(m: Modes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return what unit white noise of a term, over unit steps, adds to each mode (n,): (to the square of the term's
-    integral, to its product with the change of a theta_dot that is made of theta, whose noise it is)."""
+    integral, to its product with the change of a theta_dot that is made of theta, whose noise it is); and what that of
+    theta adds to the square of its own change over a row."""
     trapezium = (1.0 - 0.25 * m.curl) * (1.0 + m.curl / 12.0) ** 2   # of Gregory's rule
     mean_over_row = 1.0 - m.curl / 12.0 - m.curl**2 / 48.0
-    return (trapezium, np.zeros(len(m.curl))) if m.has_rate else (mean_over_row**2, m.curl * mean_over_row)
+    if m.has_rate:
+        return trapezium, np.zeros(len(m.curl)), np.zeros(len(m.curl))
+    return mean_over_row**2, m.curl * mean_over_row, m.curl * trapezium
 
 
 def inverted(a: np.ndarray, is_root: bool = False) -> np.ndarray:

@@ -29,6 +29,8 @@ from ..sums import products
 from .rows import BRIEF, MIN_ROWS_A_STRETCH, SLOPE_SPAN, Rows, before, means_about
 
 FAST_THETA = "fast theta"
+FRICTION = "sign(theta_dot)"
+SURE_SIGN = 1.0      # standard deviations of a rate's noise, below which its sign is told in proportion to it
 NUDGE = 1.0e-6      # rad, rad/s: of a difference quotient
 FRAME = "frame"   # no term
 TERM_FUNCTIONS = (np.ones_like, np.sin, np.cos, np.sign)  # by their code in a term
@@ -80,6 +82,7 @@ class Modes:
                  made of theta: what is left of the modes' noise beside these is independent
     sensor (q, q)  mean products that the sensors' white noise adds to those of the terms;  unsure (q, q)  their
     uncertainty;  motion (q,)  those of a term with the slope of theta, by theta's noise
+    turned (q,)  variance of the noise of theta in a term whose integral is theta
     ahead (q,) [s]  how much of a disturbance in a row the term's integral over that row has: half of the row, of a rate
     """
 
@@ -95,6 +98,7 @@ class Modes:
     sensor: np.ndarray
     unsure: np.ndarray
     motion: np.ndarray
+    turned: np.ndarray
     ahead: np.ndarray
 
 
@@ -184,17 +188,35 @@ def in_modes(rows: Rows, values: np.ndarray, ends: np.ndarray, *, with_doubt: bo
         if not rows.has_rate:  # of the integrals' means over the rows, by the rule of Euler and Maclaurin
             whole = np.vstack([np.zeros(q), np.cumsum(area, axis=0)])
             bent = np.diff(rows.t[a:b])[:, None] / 12.0 * (ends[a + 1:b] - values[a:b - 1])
-            area, off = np.diff(0.5 * (whole[1:] + whole[:-1]) - bent, axis=0), off[1:]
+            area, off = np.diff(0.5 * (whole[1:] + whole[:-1]) - bent, axis=0), off[1:] + np.diff(bent, axis=0)
         parts.append(sines(np.hstack([area, off]) if with_doubt else area)[:used_modes(rows, a, b)])
     return parts[-1] if len(parts) == 2 else np.concatenate(parts)
 
 
+def turned_modes(rows: Rows) -> np.ndarray:
+    """Return the integral of theta_dot in the modes (n,) of each stretch, which is theta, where that is all that is
+    measured: the changes of its means over the rows, by the cubic through four."""
+    parts = [np.zeros(0)]
+    for a, b in rows.stretches:
+        theta = rows.theta[a:b]
+        mean = 0.5 * (theta[1:] + theta[:-1])
+        mean[1:-1] -= (theta[3:] - theta[2:-1] - theta[1:-2] + theta[:-3]) / 24.0
+        parts.append(sines(np.diff(mean)[:, None])[:used_modes(rows, a, b), 0])
+    return np.concatenate(parts)
+
+
 def values_of(rows: Rows, term: str, attack: np.ndarray, rate: np.ndarray, beta: np.ndarray) -> np.ndarray:
-    """Return a term (n,) of a library, gamma, beta_ddot or FAST_THETA at the rows with this attack, rate, beta (n,)."""
+    """Return a term (n,) of a library, gamma, beta_ddot or FAST_THETA at the rows with this attack, rate, beta (n,); of
+    FRICTION the mean over the step to the next row."""
     if term == FAST_THETA:
         return rows.fast
     if term == "gamma":
         return rows.gamma
+    if term == FRICTION:   # of a rate that moves along a line, which may turn within the step
+        least = max(SURE_SIGN * math.sqrt(rows.rate_noise), 1e-300)
+        size, change, sign = np.abs(rate), np.diff(rate), np.clip(rate / least, -1.0, 1.0)
+        braked = np.where(size > least, size - 0.5 * least, 0.5 * size**2 / least)   # the integral of that sign
+        return np.append(np.divide(np.diff(braked), change, out=sign[:-1].copy(), where=change != 0.0), sign[-1:])
     if term == "beta_ddot":
         ends = itertools.pairwise(rows.bounds.tolist())
         reach = max(1, round(BRIEF / rows.period))   # beta's own noise is not its acceleration
@@ -222,7 +244,8 @@ def term_modes(rows: Rows, terms: tuple[str, ...]) -> Modes:
         values, q = table_of(rows, missing, rows.attack, rows.theta_dot), len(missing)
         both = in_modes(rows, values, ends_of(rows, missing, values, rows.beta))
         for k, term in enumerate(missing):
-            made[term] = Column(both[:, k], both[:, q + k], *derivatives(rows, term, values[:, k]))
+            phi = turned_modes(rows) if term == "theta_dot" and rows.is_fine else both[:, k]
+            made[term] = Column(phi, both[:, q + k], *derivatives(rows, term, values[:, k]))
     phi, doubt, by_theta, by_rate, by_beta = (np.stack(each, axis=1) for each in zip(
         *(made[term] for term in terms), strict=True))
     nozzle = products(by_beta, by_beta) / len(rows.t)
@@ -231,7 +254,9 @@ def term_modes(rows: Rows, terms: tuple[str, ...]) -> Modes:
     y, curl, step, frequency, ends, noises = made[FRAME]
     return Modes(y, phi, doubt, curl, step, frequency, rows.has_rate, ends, noises, sensor,
                  rows.beta_doubt * nozzle,
-                 rows.theta_noise * by_theta.mean(axis=0), 0.5 * rows.period * by_rate.mean(axis=0))
+                 rows.theta_noise * by_theta.mean(axis=0),
+                 rows.theta_noise * np.array([term == "theta_dot" and rows.is_fine for term in terms]),
+                 0.5 * rows.period * by_rate.mean(axis=0))
 
 
 def together(parts: Sequence[Modes]) -> Modes:
@@ -269,9 +294,10 @@ def table_of(rows: Rows, terms: tuple[str, ...], attack: np.ndarray, rate: np.nd
 
 def ends_of(rows: Rows, terms: tuple[str, ...], values: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """Return terms (n, q) as the step before each row ends, given their `values` (n, q) as the next one begins."""
-    held = [k for k, term in enumerate(terms) if rows.is_held and "beta" in term]
     ends = values.copy()
-    for k in held:
+    for k in (k for k, term in enumerate(terms) if term == FRICTION):
+        ends[:, k] = before(values[:, k])
+    for k in (k for k, term in enumerate(terms) if rows.is_held and "beta" in term):
         ends[:, k] = values_of(rows, terms[k], rows.attack, rows.theta_dot, before(beta))
     return ends
 

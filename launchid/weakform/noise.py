@@ -44,10 +44,12 @@ def roughness(x: np.ndarray, others: list[np.ndarray], order: int) -> float:
 
 
 def with_noise_levels(rows: Rows) -> Rows:
-    """Return the rows with the noise variances of theta and theta_dot as their differences show them, and with theta's
-    fast part."""
-    return replace(rows, theta_noise=noise_variance(rows.theta), fast=fast_part(rows.t, rows.theta),
-                   rate_noise=noise_variance(rows.theta_dot) if rows.has_rate else 0.0)
+    """Return the rows with the noise variances of theta and theta_dot as their differences show them, that of a slope
+    by theta's, and with theta's fast part."""
+    noise = noise_variance(rows.theta)
+    return replace(rows, theta_noise=noise, fast=fast_part(rows.t, rows.theta),
+                   rate_noise=noise_variance(rows.theta_dot) if rows.has_rate else
+                   0.5 * noise / (rows.reach * rows.period) ** 2)
 
 
 def noise_variance(x: np.ndarray) -> float:

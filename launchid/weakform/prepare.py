@@ -44,12 +44,12 @@ def usable(seen: CheckedLog, *, is_steadied: bool = True) -> Rows | None:
     t, row = t[there], np.flatnonzero(there)
     theta, beta = columns["theta"][there], columns["beta"][there]
     path = log.flight_path[times][there]
-    rate = columns["theta_dot"][there] if has_rate else rate_of(t, theta, log.period)
+    rate, reach, is_fine = (columns["theta_dot"][there], 1, False) if has_rate else rate_of(t, theta, log.period)
     step = np.diff(t)
     cuts = np.flatnonzero((step > LONGEST_ROW_STEP * np.median(step)) | (np.diff(row) > 1)) + 1
     rows = Rows(t, theta, filled(path, t), rate, beta, has_rate, bool(np.isfinite(path).any()),
                 np.concatenate([[0], cuts, [len(t)]]), is_held=seen.rates["beta"].kind == HELD_WORD,
-                has_theta=has_attitude(seen.raw))
+                has_theta=has_attitude(seen.raw), reach=reach, is_fine=is_fine)
     command = log.beta_cmd[times][there]
     if np.array_equal(command, beta):   # a command holds until the next
         rows = replace(rows, is_held=True, is_command=True)

@@ -11,6 +11,7 @@ import numpy as np
 from ..series import white_variance
 
 SLOPE_SPAN = 0.05    # s to either side, at most, of a rate that is the slope of a column, where a rate is a term
+FINE_RATE = 0.3      # of the rate's own deviation, that its noise over a row to either side may be to be taken off
 RATE_NOISE = 0.05    # of the rate's own deviation, that its noise may be: 0.25 % of its square
 MIN_ROWS_A_STRETCH = 4  # rows of a stretch
 BRIEF = 0.02         # s of a slope of beta: a nozzle does nothing faster
@@ -27,6 +28,8 @@ class Rows:
     is_held    beta is constant from each of its values to the next;  is_command: it is the command itself
     theta_noise, rate_noise, beta_noise  variances of the sensors' white noise, as their rows show it
     beta_doubt  uncertainty of beta_noise: it is noise, or motion from row to row
+    reach      rows to either side of a slope that stands for theta_dot
+    is_fine    where theta_dot was not measured theta's changes over a row are its integral: they have little noise
     top    [rad/s]  modes that are faster are not used
     fast (n,)  theta less its mean over FAST_TIME before, by the whole log;  (0,): not computed yet
     """
@@ -46,6 +49,8 @@ class Rows:
     is_held: bool = False
     is_command: bool = False
     has_theta: bool = True
+    reach: int = 1
+    is_fine: bool = False
     top: float = math.inf
     fast: np.ndarray = field(default_factory=lambda: np.zeros(0))
     transformed: dict[str, Any] = field(default_factory=dict, init=False)   # what `modes` made of the rows so far
@@ -98,13 +103,15 @@ def slope(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
     return np.asarray((x[after] - x[before]) / (t[after] - t[before]))
 
 
-def rate_of(t: np.ndarray, theta: np.ndarray, period: float) -> np.ndarray:
-    """Return the rate (n,) [rad/s] of theta (n,) [rad] over t (n,) [s], rows `period` [s] apart: its slope over as few
-    rows as make theta's noise RATE_NOISE of the rate, or reach SLOPE_SPAN. A wider one flattens what is fast."""
+def rate_of(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, int, bool]:
+    """Return (the rate (n,) [rad/s] of theta (n,) [rad] over t (n,) [s], rows `period` [s] apart: its slope; over how
+    many rows to either side, as few as make theta's noise RATE_NOISE of the rate, or reach SLOPE_SPAN, for a wider one
+    flattens what is fast; whether over one row the noise is less than FINE_RATE)."""
     most = max(1, round(SLOPE_SPAN / period))
     widest = slope(t, theta, most)
     noise = math.sqrt(0.5 * white_variance(theta, typical=True)) / period
-    return slope(t, theta, min(most, max(1, math.ceil(noise / max(RATE_NOISE * float(np.std(widest)), 1e-300)))))
+    fewest = max(1, math.ceil(noise / max(RATE_NOISE * float(np.std(widest)), 1e-300)))
+    return slope(t, theta, min(most, fewest)), min(most, fewest), noise < FINE_RATE * float(np.std(widest))
 
 
 def means_about(t: np.ndarray, x: np.ndarray, around: int) -> np.ndarray:
