@@ -32,7 +32,7 @@ from ..weakform.late import Late
 from ..weakform.modes import column, increments
 from ..weakform.noise import noise_variance
 from ..weakform.prepare import usable
-from ..weakform.rows import SLOPE_SPAN, Rows, slope
+from ..weakform.rows import Rows, slope
 
 HORIZONS = (0.1, 0.5, 1.0)  # s
 # increments from one to the next that counts for whiteness: neighbours share a sample and its noise
@@ -145,7 +145,7 @@ def with_noise(rows: Rows, rng: np.random.Generator) -> Rows:
     theta, beta = drawn(rows.theta), drawn(rows.beta)
     return dataclasses.replace(rows, theta=theta, beta=beta,
                                theta_dot=drawn(rows.theta_dot) if rows.has_rate else
-                               slope(rows.t, theta, max(1, round(SLOPE_SPAN / rows.period))))
+                               slope(rows.t, theta, max(1, round(rows.reach / rows.period))))
 
 
 def _joined(parts: list[Rows]) -> Rows:

@@ -48,8 +48,7 @@ def with_noise_levels(rows: Rows) -> Rows:
     by theta's, and with theta's fast part."""
     noise = noise_variance(rows.theta)
     return replace(rows, theta_noise=noise, fast=fast_part(rows.t, rows.theta),
-                   rate_noise=noise_variance(rows.theta_dot) if rows.has_rate else
-                   0.5 * noise / (rows.reach * rows.period) ** 2)
+                   rate_noise=noise_variance(rows.theta_dot) if rows.has_rate else 0.5 * noise / rows.reach**2)
 
 
 def noise_variance(x: np.ndarray) -> float:

@@ -28,7 +28,7 @@ class Rows:
     is_held    beta is constant from each of its values to the next;  is_command: it is the command itself
     theta_noise, rate_noise, beta_noise  variances of the sensors' white noise, as their rows show it
     beta_doubt  uncertainty of beta_noise: it is noise, or motion from row to row
-    reach      rows to either side of a slope that stands for theta_dot
+    reach      [s] to either side of a slope that stands for theta_dot
     is_fine    where theta_dot was not measured theta's changes over a row are its integral: they have little noise
     top    [rad/s]  modes that are faster are not used
     fast (n,)  theta less its mean over FAST_TIME before, by the whole log;  (0,): not computed yet
@@ -49,7 +49,7 @@ class Rows:
     is_held: bool = False
     is_command: bool = False
     has_theta: bool = True
-    reach: int = 1
+    reach: float = SLOPE_SPAN
     is_fine: bool = False
     top: float = math.inf
     fast: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -103,15 +103,16 @@ def slope(t: np.ndarray, x: np.ndarray, rows: int) -> np.ndarray:
     return np.asarray((x[after] - x[before]) / (t[after] - t[before]))
 
 
-def rate_of(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, int, bool]:
-    """Return (the rate (n,) [rad/s] of theta (n,) [rad] over t (n,) [s], rows `period` [s] apart: its slope; over how
-    many rows to either side, as few as make theta's noise RATE_NOISE of the rate, or reach SLOPE_SPAN, for a wider one
-    flattens what is fast; whether over one row the noise is less than FINE_RATE)."""
+def rate_of(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, float, bool]:
+    """Return (the rate (n,) [rad/s] of theta (n,) [rad] over t (n,) [s], rows `period` [s] apart: its slope; over which
+    time [s] to either side, as few rows as make theta's noise RATE_NOISE of the rate, or reach SLOPE_SPAN, for a wider
+    one flattens what is fast; whether over one row the noise is less than FINE_RATE)."""
     most = max(1, round(SLOPE_SPAN / period))
     widest = slope(t, theta, most)
     noise = math.sqrt(0.5 * white_variance(theta, typical=True)) / period
     fewest = max(1, math.ceil(noise / max(RATE_NOISE * float(np.std(widest)), 1e-300)))
-    return slope(t, theta, min(most, fewest)), min(most, fewest), noise < FINE_RATE * float(np.std(widest))
+    rows = min(most, fewest)
+    return slope(t, theta, rows), rows * period, noise < FINE_RATE * float(np.std(widest))
 
 
 def means_about(t: np.ndarray, x: np.ndarray, around: int) -> np.ndarray:
