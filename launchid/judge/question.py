@@ -33,11 +33,12 @@ class Question:
     lacks: list[Lack]
     unchecked: str = ""
     known: dict[str, tuple[float, float]] = field(default_factory=dict)   # of optional terms: coefficient, deviation
+    doubt: dict[str, float] = field(default_factory=dict)   # variance of terms, by other frequencies
 
     @property
     def whole(self) -> Whole:
         """The terms as they were fitted to the pieces."""
-        return Whole(self.terms, self.pieces, self.known)
+        return Whole(self.terms, self.pieces, self.known, self.doubt)
 
     @property
     def is_placebo(self) -> bool:

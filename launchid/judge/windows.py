@@ -15,7 +15,7 @@ from ..weakform.estimate import widened, window_fits
 from ..weakform.fit import Fit
 from ..weakform.late import Late, Lead
 from ..weakform.modes import Modes, term_modes
-from ..weakform.pieces import PER_COEFFICIENT
+from ..weakform.pieces import PER_COEFFICIENT, means_of
 from ..weakform.prepare import usable
 from ..weakform.rows import Rows
 from .input import late_input, lead_of
@@ -100,7 +100,11 @@ def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, .
     if is_weak and logged is not None and not any(lack.what == "delay" for lack in found[1].lacks):
         top = agreeing_top(found[1].pieces, found[1].terms)
         if math.isfinite(top):
-            found = _asked(replace(logged, top=top), terms, optional, is_weak, joining)
+            by_all = means_of(found[1].pieces, found[1].terms)
+            rows, asked, late, doubts = _asked(replace(logged, top=top), terms, optional, is_weak, joining)
+            by_slow = means_of(asked.pieces, asked.terms)
+            doubt = {term: (by_all[term] - value) ** 2 for term, value in by_slow.items() if term in by_all}
+            found = rows, replace(asked, doubt=doubt), late, doubts
     return found
 
 

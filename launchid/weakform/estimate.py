@@ -80,6 +80,8 @@ def changes_of(whole: Whole) -> tuple[dict[str, float], dict[str, float]]:
     """
     pieces, change = whole.pieces, dict[str, float]()
     scatter = {term: each for term, each in zip(whole.terms, disagreements(pieces).tolist(), strict=False) if each}
+    for term, each in whole.doubt.items():
+        scatter[term] = scatter.get(term, 0.0) + each
     span = pieces[-1].rows.t[0] - pieces[0].rows.t[0] if pieces else 0.0
     for k, term in enumerate(whole.terms):
         told = [(p.fit.xi[k], p.fit.covariance[k, k]) for p in pieces if not p.fit.is_singular]

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -64,11 +64,13 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """Terms that were fitted to the pieces of a whole log; known: coefficient and deviation of those that joined."""
+    """Terms that were fitted to the pieces of a whole log; known: coefficient and deviation of those that joined;
+    doubt: variance of each term by what the equation lacks at other frequencies."""
 
     terms: tuple[str, ...]
     pieces: list[Piece]
     known: dict[str, tuple[float, float]]
+    doubt: dict[str, float] = field(default_factory=dict)
 
 
 def pieces_of(rows: Rows, terms: tuple[str, ...]) -> list[Piece]:
@@ -100,6 +102,17 @@ def likelihood(pieces: list[Rows], terms: tuple[str, ...]) -> float:
 def beside(pieces: list[Piece], terms: tuple[str, ...]) -> list[Piece]:
     """Fit other terms to the stretches of `pieces`, and return them as new pieces."""
     return fitted([(piece.rows, term_modes(piece.rows, terms)) for piece in pieces])
+
+
+def means_of(pieces: list[Piece], terms: tuple[str, ...]) -> dict[str, float]:
+    """Return by term the mean of the pieces' coefficients, each weighted by what it tells of them."""
+    told = [piece.fit for piece in pieces if not piece.fit.is_singular]
+    information = [np.linalg.inv(fit.covariance) for fit in told]
+    if not told:
+        return {}
+    mean = np.linalg.solve(np.sum(information, axis=0), np.sum([each @ fit.xi for each, fit in zip(
+        information, told, strict=True)], axis=0))
+    return dict(zip(terms, mean.tolist(), strict=True))
 
 
 def moved(piece: Piece, lead: float) -> Rows:
