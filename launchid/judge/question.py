@@ -34,11 +34,12 @@ class Question:
     unchecked: str = ""
     known: dict[str, tuple[float, float]] = field(default_factory=dict)   # of optional terms: coefficient, deviation
     doubt: dict[str, float] = field(default_factory=dict)   # variance of terms, by other frequencies
+    is_constant: bool = False   # no coefficient changes with time, so a nominal says
 
     @property
     def whole(self) -> Whole:
         """The terms as they were fitted to the pieces."""
-        return Whole(self.terms, self.pieces, self.known, self.doubt)
+        return Whole(self.terms, self.pieces, self.known, self.doubt, self.is_constant)
 
     @property
     def is_placebo(self) -> bool:

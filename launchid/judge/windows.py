@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from launchid_core import Config, Estimate, EstimateStatus
+from sim.nominal import Nominal
 
 from ..log.check import CheckedLog
 from ..log.rates import INTERPOLATED
@@ -105,7 +106,13 @@ def question_to(seen: CheckedLog, terms: tuple[str, ...], optional: tuple[str, .
             by_slow = means_of(asked.pieces, asked.terms)
             doubt = {term: (by_all[term] - value) ** 2 for term, value in by_slow.items() if term in by_all}
             found = rows, replace(asked, doubt=doubt), late, doubts
-    return found
+    rows, asked, late, doubts = found
+    return rows, replace(asked, is_constant=is_constant(seen.nominal)), late, doubts
+
+
+def is_constant(nominal: Nominal | None) -> bool:
+    """Whether a nominal says that a6 and k1 do not change with time."""
+    return nominal is not None and not np.ptp(nominal.vehicle.a6) and not np.ptp(nominal.vehicle.k1)
 
 
 def _asked(logged: Rows | None, terms: tuple[str, ...], optional: tuple[str, ...], is_weak: bool,

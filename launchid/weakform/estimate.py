@@ -8,7 +8,7 @@ import numpy as np
 from launchid_core import Estimate
 
 from ..chi_square import quantile
-from .bands import disagreements
+from .bands import NUISANCES, disagreements
 from .fit import SPAN, Fit, Prior, gls_of_all, least, least_squares_covariance, noise_likelihoods
 from .late import with_betas
 from .modes import Modes, term_modes
@@ -21,6 +21,7 @@ UNLIKE = 1.0         # mean square of neighbours' differences over the variance,
 #                      coefficients do not change but scatter
 FEWEST_ALIKE = 6     # pieces, of which that is asked
 CHANGED = 0.999       # of chi square: a term that changes less from piece to piece may be constant
+SCATTERED = 0.95     # the same of a term that a nominal says is constant
 CHANCE_DRIFT = 6.0   # chi square of two, 95 %: what a drift of a6 and k1 moves them by beyond is in the deviations
 
 
@@ -75,8 +76,8 @@ def changes_of(whole: Whole) -> tuple[dict[str, float], dict[str, float]]:
 
     The spread of the pieces' own beyond their deviations (DerSimonian and Laird 1986) is a change, as of one that goes
     up and down once. Where neighbours are as unlike as others (von Neumann 1941) it is scatter too, which no vehicle
-    does and the deviations of windows do not know; so is what slow modes say otherwise than all (`bands`). Nothing is
-    found where it may be chance.
+    does and the deviations of windows do not know; so are the whole spread of coefficients that are constant, as a
+    nominal has them, and what slow modes say otherwise than all (`bands`). Nothing is found where it may be chance.
     """
     pieces, change = whole.pieces, dict[str, float]()
     scatter = {term: each for term, each in zip(whole.terms, disagreements(pieces).tolist(), strict=False) if each}
@@ -85,19 +86,21 @@ def changes_of(whole: Whole) -> tuple[dict[str, float], dict[str, float]]:
     span = pieces[-1].rows.t[0] - pieces[0].rows.t[0] if pieces else 0.0
     for k, term in enumerate(whole.terms):
         told = [(p.fit.xi[k], p.fit.covariance[k, k]) for p in pieces if not p.fit.is_singular]
-        if term not in ("theta", "sin(theta)", "beta") or len(told) < 2 or not span > 0.0:
+        asked = term not in NUISANCES if whole.is_constant else term in ("theta", "sin(theta)", "beta")
+        if not asked or len(told) < 2 or not span > 0.0:
             continue
         x, v = np.array(told).T
         w = 1.0 / v
         free, spread = len(x) - 1, float(np.sum(w * (x - np.sum(w * x) / np.sum(w)) ** 2))
-        if spread > UNTRUE * quantile(CHANGED, free):
+        if spread > (quantile(SCATTERED, free) if whole.is_constant else UNTRUE * quantile(CHANGED, free)):
             beyond = float((spread - free) / (np.sum(w) - np.sum(w**2) / np.sum(w)))
             w = 1.0 / (v + beyond)
             variance = np.average((x - np.average(x, weights=w)) ** 2, weights=w)
             apart = np.average(np.diff(x) ** 2, weights=1.0 / (v[1:] + v[:-1] + 2.0 * beyond))
-            if len(x) >= FEWEST_ALIKE and apart > UNLIKE * variance:
+            if whole.is_constant or (len(x) >= FEWEST_ALIKE and apart > UNLIKE * variance):
                 scatter[term] = scatter.get(term, 0.0) + beyond
-            change[term] = 2.0 * math.pi / span * math.sqrt(beyond)
+            if not whole.is_constant:
+                change[term] = 2.0 * math.pi / span * math.sqrt(beyond)
     return change, scatter
 
 

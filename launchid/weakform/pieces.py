@@ -65,12 +65,14 @@ class Piece:
 @dataclass(frozen=True, eq=False)
 class Whole:
     """Terms that were fitted to the pieces of a whole log; known: coefficient and deviation of those that joined;
-    doubt: variance of each term by what the equation lacks at other frequencies."""
+    doubt: variance of each term by what the equation lacks at other frequencies; is_constant: no coefficient changes
+    with time, so a nominal says."""
 
     terms: tuple[str, ...]
     pieces: list[Piece]
     known: dict[str, tuple[float, float]]
     doubt: dict[str, float] = field(default_factory=dict)
+    is_constant: bool = False
 
 
 def pieces_of(rows: Rows, terms: tuple[str, ...]) -> list[Piece]:
