@@ -60,10 +60,11 @@ def identified_log(log: Log, nominal: Nominal | None = None, *, window: float | 
     log, said = seen.log, (*said, *note)
     result = identified(config, seen, weak, optional, joining)
     said += result.warnings
-    if nominal is not None and result.judged.joined:
+    is_told = any(estimate.valid for estimate in result.judged.estimates)
+    if is_told and nominal is not None and result.judged.joined:
         said += (f"{log.path}: {', '.join(result.judged.joined)} act in it, which {nominal.path or nominal.name} does "
                  "not have: fitted too",)
-    if math.isfinite(result.judged.top):
+    if is_told and math.isfinite(result.judged.top):
         said += (f"{log.path}: what is faster than {result.judged.top:.3g} rad/s has other coefficients than what is "
                  "slower (a motor, a filter, a friction that sticks?): it is not used",)
     if result.is_held:

@@ -8,16 +8,19 @@ import numpy as np
 from launchid_core import Estimate, EstimateStatus
 
 from ..sums import combined, square
+from ..weakform.bands import NUISANCES
 from ..weakform.fit import Fit, least, spectrum, whiteness
 from ..weakform.late import later, with_betas
 from ..weakform.modes import Modes, increments, term_modes
 from ..weakform.rows import Rows
-from .lack import Lack
+from .lack import LIBRARY, Lack
 from .refusal import active_terms, refused
 from .table import TESTS
 from .terms import INCREMENT, RELATIVE_TOLERANCE
 
 WRONG = TESTS["damping of a right sign"].limit  # standard deviations
+SMALL_TERMS = (*LIBRARY, "beta_ddot")   # that may act a little beside an answer
+SMALL = 0.3          # of a coefficient, by which something lacking moves it, that its deviation may hold
 MOVES = ("theta", "sin(theta)")    # the term that a6 multiplies, the first that there is
 DRIVES_BY = ("beta", "beta^2")     # the same of k1
 DRIVES = 0.2         # of the largest term, that a damping of the wrong sign is: less is drawn from disturbances
@@ -69,6 +72,17 @@ def against(rows: Rows, terms: tuple[str, ...], xi: np.ndarray, std: np.ndarray,
         if np.any((by > np.maximum(std, RELATIVE_TOLERANCE * np.abs(xi))) & (by * sizes > largest)):
             found.append(lack)
     return found
+
+
+def small_effect(rows: Rows, terms: tuple[str, ...], fit: Fit, m: Modes, lacks: list[Lack]) -> np.ndarray | None:
+    """Return by how much the coefficients (q,) would change with the terms that are lacking; None if that is more than
+    SMALL of one that is no nuisance, if what is lacking is no term beside the others, or if it halves the error of
+    held-out rows."""
+    if any(lack.what not in SMALL_TERMS or lack.is_most for lack in lacks):
+        return None
+    by = np.sqrt(np.sum([moved_by(rows, terms, fit, lack, m) ** 2 for lack in lacks], axis=0))
+    asked = np.array([term not in NUISANCES for term in terms])
+    return by if np.all((by <= SMALL * np.abs(fit.xi)) | ~asked) else None
 
 
 def is_driving(value: float, std: float, parts: np.ndarray, k: int) -> bool:

@@ -23,7 +23,7 @@ from .input import late_input, lead_of
 from .lack import AT_REST, LACKING, Lack, is_passive
 from .question import Question, question
 from .refusal import active_terms, refused
-from .window import WindowFit, against, agrees, held_out, is_driving, left_over, of_fit
+from .window import WindowFit, against, agrees, held_out, is_driving, left_over, of_fit, small_effect
 
 MOST_NUISANCES = 3   # that are fitted one after the other: a friction, a delay of beta, what is left of it
 EARLIEST = 1.0       # rows by which beta may act sooner than its row, where a logger writes it once it has acted
@@ -184,6 +184,11 @@ def _of_window(rows: Rows, part: Rows, m: Modes, fit: Fit, e: Estimate, terms: t
     xi = np.array([values[term] for term in terms])
     std = np.array([made.terms_std.get(term, 0.0) for term in terms])
     lacking = against(part, terms, xi, std, fit, m, asked.lacks)
+    if asked.is_constant and lacking and (by := small_effect(part, terms, fit, m, lacking)) is not None:
+        made = of_fit(part, m, replace(fit, covariance=fit.covariance + np.outer(by, by)), e, terms)
+        if not made.valid:
+            return made, shown, lacking, made
+        std, lacking = np.array([made.terms_std[term] for term in terms]), []
     if unexplained is not None and not lacking:
         lacking = [unexplained]
     if is_weak and "theta_dot" in terms:

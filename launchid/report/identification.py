@@ -107,6 +107,7 @@ def report(estimates: list[Estimate], estimator: Estimator, tracked: bool = Fals
             window["tracked"] = tracked_json(estimate)
     if not any(window["valid"] for window in windows):
         said["why"] = why(windows)
+        said |= {"next": said["unchecked"]} if "unchecked" in said else {}   # it says what would allow the test
     if config.model is not None and (asked := next_step(windows, config.model)):
         said["next"] = asked
     known = [window["actuator"] for window in windows if window.get("actuator", NO_SERVO) != NO_SERVO]

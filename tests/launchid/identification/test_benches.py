@@ -99,6 +99,14 @@ def test_a_term_that_the_log_shows_is_fitted_and_said(tmp_path):
                for w in made.report["windows"] if w["valid"])
 
 
+def test_a_small_term_that_is_lacking_is_in_the_deviations(tmp_path):
+    """A drag of the second order is none of the terms that may join."""
+    columns = flown(PENDULUM, 0.01, 10, lambda x, v, a: -0.04 * v * abs(v))
+    made = launchid.identify(without(columns, "theta_dot"), believed(tmp_path, PENDULUM, 0.01)).report
+    of_windows = held(made, {"beta": 25.0, "sin(theta)": -80.0})
+    assert len(of_windows) >= 4 and sum(of_windows) >= len(of_windows) - 1
+
+
 def test_slow_rows_keep_a_fast_pendulum(tmp_path):
     """In rows of 25 ms trapezia of means were 0.7 % off at 12 rad/s, in every window alike."""
     bench = (140.0, 1.0, 28.0)
