@@ -184,7 +184,7 @@ def _of_window(rows: Rows, part: Rows, m: Modes, fit: Fit, e: Estimate, terms: t
     xi = np.array([values[term] for term in terms])
     std = np.array([made.terms_std.get(term, 0.0) for term in terms])
     lacking = against(part, terms, xi, std, fit, m, asked.lacks)
-    if asked.is_constant and lacking and (by := small_effect(part, terms, fit, m, lacking)) is not None:
+    if is_weak and asked.is_constant and lacking and (by := small_effect(part, terms, fit, m, lacking)) is not None:
         made = of_fit(part, m, replace(fit, covariance=fit.covariance + np.outer(by, by)), e, terms)
         if not made.valid:
             return made, shown, lacking, made
