@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from sim.nominal import Nominal
     from sim.result import Columns, Figure
 
-    from ..diagnosis.verdict import Result
+    from ..diagnosis.named import Result
     from ..log.log import Log
     from ..report.comparison import Comparison
     from ..sources import LogSource, LogSources, NominalSource

@@ -10,8 +10,7 @@ from ..likelihood.likelihood import LEVELS
 from ..placebo import is_placebo, of_other_times
 from ..sums import along, square
 from .candidates import CANDIDATE_KINDS
-from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, MOST, PRODUCTS, TWIN_Z, Elimination, Kept, Z
-from .gain import Gain
+from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, Elimination, Kept, Z
 from .known import SCORE_BLOCKS
 from .model import Model
 from .scan import Found, with_shape
@@ -21,7 +20,6 @@ GOES_Z = 4.5           # block-robust z with which errors follow a signal: somet
 GOES = 0.003           # and the share of their squares that does
 LOUD_LEVEL = 2.9       # times the declared, from which a level hides what is not modelled
 WHITE_SQUARES = 1.35   # mean square of whitened errors that a model at its noise may leave
-AHEAD = 0.85           # of a stranger's log: share of the error ahead
 EXCLUDED = 0.25        # of k1, 2 dB: an error of it that a stranger's log excludes if it is called consistent
 OTHER_TIMES = (0.2, 0.45, 0.7)   # of the log, by which the input is shifted
 AHEAD_OF_OTHERS = 0.5  # of what the input saves, by which it must be ahead of a shifted one
@@ -106,21 +104,9 @@ def is_rest(m: Model, el: Elimination, k: Kept, largest: Kept) -> bool:
     return float(left @ np.linalg.solve(C[np.ix_(at, at)], left)) < MIN_SQUARES_SAVED * len(at)
 
 
-def strangers(m: Model, el: Elimination, gain: Gain) -> list[str]:
-    """Return what speaks against a model of a log that the nominal's own simulation did not fly: "consistent" is then
-    no claim of noise alone."""
-    out = []
-    base, error = compare(m, el.e_final, el.e_full, el.unit)
-    if base > TWIN_Z * error and base > MIN_SQUARES_SAVED:
-        out.append(f"left-out blocks: worse than the full model by {with_std(0.5 * base, 0.5 * error)} nats")
-    if gain.floor < AHEAD:
-        out.append(f"the full model's error ahead is {gain.floor:.2f} of what these numbers leave")
-    return out
-
-
 def untested(m: Model, el: Elimination) -> list[str]:
     """Return that a stranger's log leaves room for a wrong k1: with its band open, it may be off by EXCLUDED."""
-    if m.log.is_flown or "k1" not in m.table:
+    if "k1" not in m.table:
         return []
     j = m.table.index("k1")
     free = tuple(sorted({*el.final.free, j}))
@@ -129,33 +115,6 @@ def untested(m: Model, el: Elimination) -> list[str]:
     if abs(off) + Z * std < EXCLUDED:
         return []
     return [f"k1 is not tested: this log gives {with_std(float(fit.p[j]), float(std))} times the nominal's"]
-
-
-def clear(m: Model, el: Elimination, listed: list[Kept], gain: Gain) -> tuple[list[Kept], list[str]]:
-    """Return the groups, of a log that the nominal's own simulation did not fly, that save most of what everything
-    saves, and words on the others; all that are listed if one alone was kept; none if the nominal predicts as well
-    ahead.  Small motions that no model has make small numbers significant.
-
-    Where nothing shows what the input does on its way, a delay and a wash-out are judged together, as the larger.
-    """
-    if listed and gain.against_nominal > AHEAD:
-        return [], ["the nominal predicts as well ahead without what the errors of a row seem to need"]
-    if len(el.kept) < 2:
-        return listed, []
-    path = [k for k in listed if m.log.is_blind and k.group.name in ("delay", "washout")]
-    shares = {k.group.name: k.share for k in listed}
-    if len(path) > 1:
-        largest = max(path, key=lambda k: k.gain)
-        numbers, p = [j for k in path for j in k.group.numbers], el.final.p.copy()
-        p[numbers] = m.table.null[numbers]
-        free = tuple(j for j in el.final.free if j not in numbers)
-        without = left_out(m, gauss_newton(m, p, free, el.final.band, 3))
-        shares |= {k.group.name: 0.0 for k in path}
-        shares[largest.group.name] = compare(m, without, el.e_final, el.unit)[0] / el.removable
-    products = [k for k in listed if k.group.kind in PRODUCTS]   # several are the shape of what is in no list
-    most = [k for k in listed if shares[k.group.name] > MOST and not (k in products and len(products) > 1)]
-    return most, [f"{k.group.kind} saves {100 * k.share:.0f} % beside: it may be what the model does not have"
-                  for k in listed if k not in most]
 
 
 def acts(m: Model, el: Elimination) -> bool:

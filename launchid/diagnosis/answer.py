@@ -12,7 +12,7 @@ from sim.sections import MOST_MODES, Actuator, Bending, Slosh, constant
 from ..formatting import json_number, with_std
 from .elimination import MIN_SQUARES_SAVED, Z
 from .gain import Gain
-from .verdict import Named, Result
+from .named import Named, Result
 
 CHANNEL_LEVELS = (("theta", 0), ("theta_dot", 1), ("beta", 2), ("command", 4), ("acceleration", 3))
 MODES: dict[str, type[Slosh] | type[Bending]] = {"slosh": Slosh, "bending": Bending}

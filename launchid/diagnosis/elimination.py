@@ -36,16 +36,12 @@ RARE = {"washout", "lag", "cubic", "term beta^2", "inertia", "gyro_scale", "fric
 SHAPES_OF_NUMBERS = {"cubic", "sine", "term beta^2", "friction", *PRODUCTS}
 SHAPE_Z = 4.0          # standard errors that a curve of the motion must save, or any number beside a wrong sensor
 MOST = 0.5             # of what the full model saves: what saves less is not the cause
-CLEAR_Z = 1.65         # standard errors that are enough for what saves more in a stranger's log
 ONE_OF = 12.0          # squares by which one of a set of twins may be worse than all of them, to stand for them
 AT_END = 0.01          # of an end of a shape's range, within which it stands at it
 RIVAL_SHARE = 0.6      # of what another saves, from which a rival is fitted in its place
 RIVAL_MARGIN = 0.02    # of what a cause saves, within which another in its place does as well
 SAME_EFFECT = ((("null_angle", "nozzle_bias"), "misalignment"),)   # two, of opposite signs, do what one does
 SAME_LAW = {"washout": "damping", "damping": "washout"}   # of a vehicle without stiffness, at the same value [1/s]
-FAMILY = {"damping": ("theta_dot", -1.0), "term theta_dot": ("theta_dot", 1.0),   # number: term and sign of it
-          "friction": ("sign(theta_dot)", -1.0), "term sign(theta_dot)": ("sign(theta_dot)", 1.0)}
-FORMS = {"theta_dot": "aero_damping", "sign(theta_dot)": "friction"}   # causes of its terms
 ALIKE_Z = 1.0          # standard errors within which another number does as well
 TWIN_Z = 2.0           # the same of one that correlates beyond TWIN
 TWIN = 0.9             # correlation in the full fit
@@ -188,12 +184,9 @@ class Search:
             return False     # rows of a measured input that moves between them feign a little of it
         if group.is_event:
             return gain > EVENT * group.chance and gain > NAME_SHARE * removable
-        if self.m.log.is_flown and group.name not in KINEMATIC and gain > SHAPE_Z * error:
+        if group.name not in KINEMATIC and gain > SHAPE_Z * error:
             removable -= self.by_sensors
-        is_clear = not self.m.log.is_flown and gain > max(MOST * removable, EVENT)
-        is_curve = not self.m.log.is_flown and not is_clear and group.kind in SHAPES_OF_NUMBERS
-        z = CLEAR_Z if is_clear else SHAPE_Z if is_curve else Z
-        return gain > z * error and gain > MIN_SQUARES_SAVED and gain > NAME_SHARE * removable
+        return gain > Z * error and gain > MIN_SQUARES_SAVED and gain > NAME_SHARE * removable
 
     def run(self, p: np.ndarray) -> Elimination:
         """Eliminate, starting from all numbers free at p; return fits, errors and the groups kept."""
@@ -350,9 +343,7 @@ class Search:
                 alike = []
                 for other in self.groups:
                     is_same = SAME_LAW.get(g.name) == other.name and not m.log.has_stiffness
-                    is_form = not m.log.is_flown and g.name in FAMILY and other.name in FAMILY
-                    if other is g or other in live or (self.related(g, other) < RELATED_CORRELATION
-                                                       and not is_same and not is_form):
+                    if other is g or other in live or (self.related(g, other) < RELATED_CORRELATION and not is_same):
                         continue
                     most = objective(m, fit.e, fit.p) + (1.0 - RIVAL_SHARE) * max(gain, MIN_SQUARES_SAVED)
                     again = self.with_other(rest, other, fit.p[list(g.numbers)] if is_same else None, most)
@@ -370,9 +361,9 @@ class Search:
                     clearly = max(si, RIVAL_MARGIN * gain) if other.is_event and not g.is_event else si
                     if (gi < -clearly or is_common) and swap is None and other.kind not in SHAPES_OF_NUMBERS:
                         swap = (again, [each for each in live if each is not g] + [other], ei)
-                    z = Z if is_form else TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z
+                    z = TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z
                     if gi < z * pays * si or gi < margin:
-                        alike.append(FORMS[FAMILY[other.name][0]] if is_form else other.cause)
+                        alike.append(other.cause)
                 kept.append(Kept(g, gain, error, gain / removable, tuple(alike), rest.p, std))
             if swap is None or turn == 2:
                 break

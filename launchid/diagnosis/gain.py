@@ -1,6 +1,7 @@
 """Measure what the extension gains: prediction errors over several horizons, on blocks that nothing was fitted to."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,9 @@ GAIN_HORIZON = 1.0     # s
 TURNS = 1.5            # of the vehicle's own time, over which a prediction says something of its numbers
 SPACING = 0.1          # s between the starts of predictions
 CHANNELS = ("theta", "theta_dot", "beta")
+
+
+Fitted = tuple[Model, Fit]   # numbers, and the model with the noise levels that go with them
 
 
 class Gain(NamedTuple):
@@ -36,24 +40,12 @@ class Gain(NamedTuple):
     @property
     def share(self) -> float:
         """Share, 0 to 1, of removable squared error that the extension leaves; mean over horizons, attitude, rate."""
-        left = [min(max((after - full) / (before - full), 0.0), 1.0) for before, after, full, _ in self._of_motion()
+        left = [min(max((after - full) / (before - full), 0.0), 1.0) for before, after, full in self.of_motion()
                 if before > full]
         return float(np.mean(left)) if left else 0.0
-
-    @property
-    def against_nominal(self) -> float:
-        """The extended model's squared error over the nominal's; mean over horizons, attitude and rate."""
-        ratios = [after / before for before, after, _, _ in self._of_motion() if before > 0.0]
-        return float(np.mean(ratios)) if ratios else 1.0
-
-    @property
-    def floor(self) -> float:
-        """The full model's squared error over the extended one's; mean over horizons, attitude and rate."""
-        ratios = [full / after for _, after, full, _ in self._of_motion() if after > 0.0]
-        return float(np.mean(ratios)) if ratios else 1.0
-
-    def _of_motion(self) -> list[tuple[float, float, float, float]]:
-        return [row for of in self.squares.values() for name, row in of.items() if name != "beta"]
+    def of_motion(self) -> list[tuple[float, float, float]]:
+        """Return the mean squares before, after and of the full model, for each horizon of attitude and rate."""
+        return [row[:3] for of in self.squares.values() for name, row in of.items() if name != "beta"]
 
 
 def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray, is_another: bool = False) -> np.ndarray:
@@ -67,14 +59,16 @@ def predictions(m: Model, fit: Fit, starts: np.ndarray, spans: np.ndarray, is_an
     return out
 
 
-def held_out(m: Model, nominal: Fit, final: Fit, full: Fit, nats: float, is_another: bool = False) -> Gain:
-    """Return the gain of the final model over the nominal on blocks left out, or on m's log if `is_another`."""
+def held_out(fitted: Sequence[Fitted], nats: float, is_another: bool = False) -> Gain:
+    """Return the gain of the final model over the nominal on blocks left out, or on a log that nothing was fitted to if
+    `is_another`; fitted: nominal, final and full model."""
+    m = fitted[0][0]
     row = m.log.period
     stiffness = float(np.max(np.abs(m.log.a6))) + abs(m.log.terms.get("sin(theta)", 0.0))
     longest = min(GAIN_HORIZON, TURNS / math.sqrt(max(stiffness, 1e-6)))
     spans = np.unique([max(1, round(h * longest / row)) for h in HORIZON_SHARES])
     starts = np.arange(max(10, m.log.n // 200), m.log.n - 1, max(1, round(SPACING / row)))
-    errors = [predictions(m, fit, starts, spans, is_another) for fit in (nominal, final, full)]
+    errors = [predictions(*each, starts, spans, is_another) for each in fitted]
     squares: dict[float, dict[str, tuple[float, float, float, float]]] = {}
     for q, span in enumerate(spans):
         ends = np.minimum(starts + span, m.log.n - 1)

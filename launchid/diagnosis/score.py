@@ -74,24 +74,15 @@ def folds(m: Model, fit: Fit) -> tuple[np.ndarray, list[np.ndarray]]:
 def compare(m: Model, e0: np.ndarray, e1: np.ndarray, unit: float) -> tuple[float, float]:
     """Return the squares that e1 saves over e0, and their standard error, at least that of white errors of `unit`.
 
-    By blocks: of a log that the nominal's own simulation flew what a block saves goes with what it can tell, which is
-    the square of the difference, and the error is that of their ratio (Cochran 1977, ch. 6).  Of a stranger's log the
-    blocks' savings themselves, their roots or the logarithms of their ratios scatter, whichever tells most.
+    By blocks: what a block saves goes with what it can tell, which is the square of the difference, and the error is
+    that of their ratio (Cochran 1977, ch. 6).
     """
     d = np.bincount(m.log.block, e0 * e0 - e1 * e1, minlength=SCORE_BLOCKS)
     told = np.bincount(m.log.block, (e0 - e1)**2, minlength=SCORE_BLOCKS)
     gain, white = float(d.sum()), 2.0 * math.sqrt(float(told.sum()) * unit)
     s = math.sqrt(SCORE_BLOCKS * float(d.var(ddof=1)))
-    if m.log.is_flown:
-        rest = d - gain / max(float(told.sum()), 1e-300) * told
-        return gain, max(min(s, math.sqrt(SCORE_BLOCKS / (SCORE_BLOCKS - 1.0) * float(rest @ rest))), white, 1e-9)
-    a0, a1 = (np.bincount(m.log.block, e * e, minlength=SCORE_BLOCKS) for e in (e0, e1))
-    count = np.bincount(m.log.block, minlength=SCORE_BLOCKS)
-    z = max(float(x.mean() / (x.std(ddof=1) / math.sqrt(SCORE_BLOCKS) + 1e-9)) for x in (
-        np.log((a0 + count + 1.0) / (a1 + count + 1.0)), np.sign(d) * np.sqrt(np.abs(d))))
-    if gain > 0.0 and z > gain / max(s, 1e-9):
-        s = gain / z
-    return gain, max(s, white, 1e-9)
+    rest = d - gain / max(float(told.sum()), 1e-300) * told
+    return gain, max(min(s, math.sqrt(SCORE_BLOCKS / (SCORE_BLOCKS - 1.0) * float(rest @ rest))), white, 1e-9)
 
 
 def covariance(m: Model, fit: Fit, unit: float) -> np.ndarray:

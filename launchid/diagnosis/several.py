@@ -24,13 +24,15 @@ from ..log.log import Log
 from ..log.record import CLOCKED
 from .adapter import Reading, read
 from .candidates import Column, Kind, Shape
+from .decision import decided
 from .elimination import Search
 from .known import SCORE_BLOCKS, KnownLog
 from .model import Model
-from .numbers import FORM, KINEMATIC, TOLERANCE_SIGMAS
+from .named import Result
+from .numbers import TOLERANCE_SIGMAS
 from .start import all_of, best_delay, best_start
+from .stranger import judged
 from .track import Track
-from .verdict import Result, decided
 
 APART = 25             # rows between two flights: more than those after which the filter begins anew
 OWN = {"misalignment": None, "wind": None, "gyro_bias": 1, "nozzle_bias": 2}   # number: the channel that it shifts
@@ -164,11 +166,10 @@ def diagnose_jointly(logs: Sequence[Log], nominal: Nominal, noise: str = "bounde
         m = fit_levels(m, fit.p)
         fit = gauss_newton(m, fit.p, fit.free, frozenset(), 3)
     say("all flights: taking away")
-    of = () if m.log.is_flown else (*KINEMATIC, *FORM) if m.log.is_blind else KINEMATIC
-    own = {name for shape in m.shapes for name in shape.names}
-    notes = {m.table.index(x) for x in (*of, *own) if x in m.table}
-    search = Search(m, frozenset(notes))
+    own = frozenset(m.table.index(name) for shape in m.shapes for name in shape.names)
+    if not m.log.is_flown:
+        return judged(m, fit.p, readings[0], nominal, own)
+    search = Search(m, own)
     search.groups = [group for group in search.groups if "@" not in group.name]
     el = search.run(fit.p)
-    el = replace(el, notes=tuple(j for j in el.notes if "@" not in m.table.numbers[j].name))
-    return decided(m, readings[0], nominal, el)
+    return decided(m, readings[0], nominal, replace(el, notes=()))

@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 
 from sim.canvas import panels
 
-from ..diagnosis.gain import CHANNELS, GAIN_HORIZON, SPACING, predictions
-from ..diagnosis.verdict import Result
-from ..likelihood.estimate import Fit, refreshed
+from ..diagnosis.gain import CHANNELS, GAIN_HORIZON, SPACING, Fitted, predictions
+from ..diagnosis.named import Result
+from ..likelihood.estimate import refreshed
 from ..log.table import UNITS
 from .drawing import band, envelope
 from .log_figures import logs_figure, looked_at
@@ -22,12 +22,10 @@ BEFORE_LINE = {"color": "#c2570c", "linewidth": 1.0, "linestyle": "--"}
 AFTER = {"color": "#12355b", "linewidth": 1.0}
 
 
-def shown(result: Result) -> list[tuple[str, dict, Fit]]:
-    """Return (label, line style, fit) of the nominal, and of the model with its causes if any are named."""
-    el = result.elimination
-    assert el is not None
-    both = [("nominal", BEFORE_LINE, el.nominal)]
-    return [*both, ("with the causes", AFTER, el.final)] if result.named else both
+def shown(result: Result) -> list[tuple[str, dict, Fitted]]:
+    """Return (label, line style, fitted model) of the nominal, and of it with its causes if any are named."""
+    both = [("nominal", BEFORE_LINE, result.fitted[0])]
+    return [*both, ("with the causes", AFTER, result.fitted[1])] if result.named else both
 
 
 def misfit(result: Result) -> Figure | None:
@@ -46,7 +44,7 @@ def misfit(result: Result) -> Figure | None:
     figure, (above, below) = panels(2, f"measured against predicted, {span * row:.2g} s ahead, blocks left out")
     above.plot(t, change, label="measured", **LOG_LINE)
     for label, style, fit in shown(result):
-        error = predictions(m, fit, starts, np.array([span]))[:, 0, channel]
+        error = predictions(*fit, starts, np.array([span]))[:, 0, channel]
         above.plot(t, change - error, label=f"predicted, {label}", **style)
         seen = error[np.isfinite(error)]
         rms = float(np.sqrt(np.mean(seen**2))) if len(seen) else float("nan")
@@ -71,7 +69,7 @@ def innovations(result: Result) -> Figure | None:
     figure, axes = panels(len(channels), "prediction errors one row ahead; dotted: 3 standard deviations")
     t = m.log.t[:-1] + m.log.track.record.shift
     for colour, (label, _, fit) in zip(ENVELOPE_COLOURS, shown(result), strict=False):
-        made = refreshed(m, fit).run
+        made = refreshed(*fit).run
         for axis, ch in zip(axes, channels, strict=True):
             inside = np.isfinite(made.S[:, ch])
             outside = float(np.mean(np.abs(made.E[inside, ch]) > INNOVATION_BAND * np.sqrt(made.S[inside, ch])))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sim.nominal import rewrite_nominal
 
 from ..diagnosis.answer import extension, headline, sizes, would_decide
-from ..diagnosis.verdict import Result
+from ..diagnosis.named import Result
 from .answer import json_text
 from .comparison import Comparison
 from .comparison_page import CAPTIONS, summary_table

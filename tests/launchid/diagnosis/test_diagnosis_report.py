@@ -19,7 +19,8 @@ import launchid
 from launchid.commands.diagnose import Diagnosed
 from launchid.diagnosis.answer import extension
 from launchid.diagnosis.answer import report as json_of
-from launchid.diagnosis.verdict import Result, diagnose
+from launchid.diagnosis.named import Result
+from launchid.diagnosis.verdict import diagnose
 from launchid.log.log import OPTIONAL, REQUIRED, Log
 from launchid.report.diagnosis_page import write_report
 from launchid.report.inline import FOLDER
