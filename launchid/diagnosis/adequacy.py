@@ -1,6 +1,7 @@
 """What speaks against a model or against a number of it: errors that are not noise, other shapes, a placebo."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from .score import compare, deviations, left_out
 
 GOES_Z = 4.5           # block-robust z with which errors follow a signal: something is missing
 GOES = 0.003           # and the share of their squares that does
+FEWEST_ERRORS = 200    # of a column, without which nothing is asked of them
 LOUD_LEVEL = 2.9       # times the declared, from which a level hides what is not modelled
 WHITE_SQUARES = 1.35   # mean square of whitened errors that a model at its noise may leave
 EXCLUDED = 0.25        # of k1, 2 dB: an error of it that a stranger's log excludes if it is called consistent
@@ -26,42 +28,65 @@ AHEAD_OF_OTHERS = 0.5  # of what the input saves, by which it must be ahead of a
 LEAST_OF_INPUT = 5.0   # squares, that a shifted one saves at least by chance
 
 
-def adequacy(m: Model, fit: Fit) -> tuple[list[str], str | None]:
-    """Return what speaks against a model by itself, in words, and where: whitened errors that go with a signal, are
-    larger than their noise, or are no longer white."""
-    fit = refreshed(m, fit)
+class Followed(NamedTuple):
+    """A signal that the whitened errors of a column go with: its standard errors over blocks, and its share of their
+    squares."""
+
+    column: str
+    what: str
+    z: float
+    share: float
+
+    @property
+    def words(self) -> str:
+        return f"errors of {self.column} go with {self.what} (z {self.z:.1f}, {100 * self.share:.1f} %)"
+
+
+def followed(m: Model, fit: Fit) -> list[Followed]:
+    """Return the signals that the whitened errors of a refreshed fit go with: something is missing."""
     e, sent, motion = fit.e, fit.run.parameters.u.mean(axis=1), m.path.motion
     signals = {"the rate": motion[:, 1], "the rate's sign": np.sign(motion[:, 1]), "the attitude": motion[:, 0],
                "the attitude's square": (motion[:, 0] - motion[:, 0].mean())**2,
                "the input": sent, "the input's square": (sent - sent.mean())**2, "time": m.log.tau}
     if not m.log.is_flown:
         del signals["time"]     # a slow drift of a sensor or of a moment is no number's, and others' logs have one
-    words, place = [], None
+    found = []
     for ch, name in enumerate(("theta", "theta_dot", "beta")):
         mine = m.log.channel == ch
-        if mine.sum() < 200:
+        if mine.sum() < FEWEST_ERRORS:
             continue
         k, x = m.log.rows[mine], e[mine]
-        size = math.sqrt(np.mean(x * x))
         for what, signal in signals.items():
             s = signal[np.maximum(k - 2, 0)]
             s = s - s.mean()
             s = s / (s.std() + 1e-300)
             y = np.bincount(m.log.block[mine], s * x, minlength=SCORE_BLOCKS)
             z, r = float(y.sum() / (math.sqrt(SCORE_BLOCKS) * y.std(ddof=1) + 1e-9)), float(np.mean(s * x))
-            if abs(z) > GOES_Z and r * r > GOES * np.mean(x * x):
-                words.append(f"errors of {name} go with {what} (z {z:.1f}, {100 * r * r / np.mean(x * x):.1f} %)")
-                place = place or ("actuator" if ch == 2 else None)
-        if m.log.is_flown:
-            factor = math.exp(m.levels[ch] - m.noise.declared[ch])
-            if factor * size > LOUD_LEVEL:
-                words.append(f"noise of {name} is {factor * size:.1f} times the declared")
-                place = place or ("actuator" if ch == 2 else "sensor")
-            elif size * size > WHITE_SQUARES:
-                words.append(f"errors of {name} are {size:.2f} times their noise")
-                place = place or ("actuator" if ch == 2 else None)
+            share = r * r / float(np.mean(x * x))
+            if abs(z) > GOES_Z and share > GOES:
+                found.append(Followed(name, what, z, share))
+    return found
+
+
+def adequacy(m: Model, fit: Fit) -> tuple[list[str], str | None]:
+    """Return what speaks against a model of a flown log by itself, in words, and where: whitened errors that go with a
+    signal, are larger than their noise, or are no longer white."""
+    fit = refreshed(m, fit)
+    goes = followed(m, fit)
+    words, place = [each.words for each in goes], "actuator" if any(each.column == "beta" for each in goes) else None
+    for ch, name in enumerate(("theta", "theta_dot", "beta")):
+        mine = m.log.channel == ch
+        if mine.sum() < FEWEST_ERRORS:
+            continue
+        size, factor = math.sqrt(np.mean(fit.e[mine]**2)), math.exp(m.levels[ch] - m.noise.declared[ch])
+        if factor * size > LOUD_LEVEL:
+            words.append(f"noise of {name} is {factor * size:.1f} times the declared")
+            place = place or ("actuator" if ch == 2 else "sensor")
+        elif size * size > WHITE_SQUARES:
+            words.append(f"errors of {name} are {size:.2f} times their noise")
+            place = place or ("actuator" if ch == 2 else None)
     loud = math.exp((m.levels - m.noise.declared)[LEVELS.index("acceleration")])
-    if m.log.is_flown and loud > LOUD_LEVEL:
+    if loud > LOUD_LEVEL:
         words.append(f"noise of the acceleration is {loud:.1f} times the declared")
     return words, place
 
@@ -75,7 +100,7 @@ def other_shape(m: Model, el: Elimination, k: Kept) -> str:
     name = k.group.kind
     if m.air.weather and name != k.group.name and k.group.place == "environment":
         return f"what {m.air.weather} leaves of the disturbance is like a {name}: it is neither"
-    if name != "gyro_bias" or not m.log.is_flown:
+    if name != "gyro_bias":
         return ""
     bias = m.table.index("gyro_bias")
     drift = next(kind for kind in CANDIDATE_KINDS if kind.name == "attitude_walk")

@@ -144,15 +144,18 @@ class Hypotheses:
         return [g for g in self.groups if g in most or g.name in LATENESS]
 
     def single(self, group: Group) -> Hypothesis:
-        """Return the hypothesis that one group of numbers is wrong, fitted from where it is in the full fit, and from
-        the noises of the nominal and of the full fit."""
-        base = self.nominal
+        """Return the hypothesis that one group of numbers is wrong."""
+        return self.several([group])
+
+    def several(self, groups: list[Group]) -> Hypothesis:
+        """Return the hypothesis that these groups of numbers are wrong, fitted from where they are in the full fit, and
+        from the noises of the nominal and of the full fit."""
+        base, numbers = self.nominal, [j for g in groups for j in g.numbers]
         p = base.fit.p.copy()
-        p[list(group.numbers)] = self.full.fit.p[list(group.numbers)]
-        late = latest(base, group) if group.name == "delay" else p
-        starts = [(base.m, late), (self.full.m, p)]
-        free, band = tuple(sorted({*base.fit.free, *group.numbers})), base.fit.band - {*group.numbers}
-        return likeliest(*(climbed([each], free, band) for each in starts))
+        p[numbers] = self.full.fit.p[numbers]
+        late = latest(base, groups[0]) if groups[0].name == "delay" else p
+        free, band = tuple(sorted({*base.fit.free, *numbers})), base.fit.band - {*numbers}
+        return likeliest(*(climbed([each], free, band) for each in ((base.m, late), (self.full.m, p))))
 
 
 def latest(base: Hypothesis, group: Group) -> np.ndarray:

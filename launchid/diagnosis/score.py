@@ -9,6 +9,7 @@ from ..sums import along, combined, square
 from .known import MODEL_FOLDS, SCORE_BLOCKS
 from .model import Model
 
+LEAST_UNIT = 0.2       # of a whitened error's variance
 FOLD_STEPS = 2         # Gauss-Newton steps of every fold's own fit
 
 
@@ -101,6 +102,11 @@ def covariance(m: Model, fit: Fit, unit: float) -> np.ndarray:
     robust[keep] = (SCORE_BLOCKS - 1.0) / SCORE_BLOCKS * np.square(moved).sum(axis=0)
     wider = np.sqrt(np.maximum(robust / (np.diag(C) * unit), 1.0))
     return unit * C * np.outer(wider, wider)
+
+
+def unit_of(fit: Fit) -> float:
+    """Return the variance of a fit's whitened errors, at least that of errors that hardly are."""
+    return max(float(np.mean(fit.e**2)), LEAST_UNIT)
 
 
 def deviations(m: Model, fit: Fit, unit: float) -> dict[int, float]:

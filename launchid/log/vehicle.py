@@ -48,7 +48,7 @@ def plant_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> li
     if np.count_nonzero(rows) < ENOUGH_BLOCKS:
         return []
     t = log.t[rows]
-    message = None if nominal.terms else _of_ratio(*_ratio(log, nominal, masks, rows))
+    message = None if nominal.terms else of_ratio(*_ratio(log, nominal, masks, rows))
     if message is not None:
         return [Fault(message[0], message[1], float(t[0]), float(t[-1]), len(t), message[2])]
     return [_of_all(t, "their noise is about 57 times the nominal's")] if _all_noise_in_degrees(log, nominal, masks) \
@@ -67,7 +67,7 @@ def guided_faults(log: Log, nominal: Nominal, masks: dict[str, np.ndarray]) -> l
     fit = regress(log.theta[rows], [nominal.guidance.attitude_at(t)])
     if not (fit.explained > GUIDANCE_SHARE and near(fit.gain[0], DEGREES, NOISE_SLACK)):
         return []
-    if not nominal.terms and _of_ratio(*_ratio(log, nominal, masks, rows)) is not None:
+    if not nominal.terms and of_ratio(*_ratio(log, nominal, masks, rows)) is not None:
         return []  # beta is not of the unit of theta, and `plant_faults` says of which of the two that is
     return [_of_all(t, f"theta is {fit.gain[0]:.1f} times what the guidance asks for")]
 
@@ -77,8 +77,9 @@ def _of_all(t: np.ndarray, why: str) -> Fault:
                  f"all angles look like degrees over the whole log: {why}; multiply them by pi/180")
 
 
-def _of_ratio(ratio: float, std: float, explained: float) -> tuple[str, str, str] | None:
-    """Return (kind, column, message) of a fault, by the ratio of k1 to the nominal's; None if the ratio may be true."""
+def of_ratio(ratio: float, std: float, explained: float) -> tuple[str, str, str] | None:
+    """Return (kind, column, message) of a column's fault, by the ratio of k1 to the nominal's, its deviation and the
+    share of the motion that beta explains; None if the ratio may be true."""
     if not (explained > BETA_SHARE and abs(ratio) > SLOPE_SIGMAS * std):
         return None
     said = f"k1 comes out {ratio:.2g} times the nominal's"
