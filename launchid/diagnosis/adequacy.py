@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..formatting import with_std
-from ..likelihood.estimate import Fit, evaluate, gauss_newton, gram, refreshed
+from ..likelihood.estimate import Fit, evaluate, fit_levels, gauss_newton, gram, log_likelihood, refreshed
 from ..likelihood.likelihood import LEVELS
 from ..placebo import is_placebo, of_other_times
 from ..sums import along, square
@@ -14,8 +14,10 @@ from .candidates import CANDIDATE_KINDS
 from .elimination import ALIKE_Z, MIN_SQUARES_SAVED, Elimination, Kept, Z
 from .known import SCORE_BLOCKS
 from .model import Model
+from .noise import WEATHER
 from .scan import Found, with_shape
 from .score import compare, deviations, left_out
+from .start import WEATHER_NATS
 
 GOES_Z = 4.5           # block-robust z with which errors follow a signal: something is missing
 GOES = 0.003           # and the share of their squares that does
@@ -95,21 +97,56 @@ def other_shape(m: Model, el: Elimination, k: Kept) -> str:
     """Return in words what else, of no known cause, a kept number may be, so that it is not named; "": nothing.
 
     An attitude that drifts parts the columns as a gyro's bias does, and only the moment of the drift that the vehicle
-    feels, which a slow disturbance may be too, tells the two apart.  A disturbance that weather leaves is neither.
+    feels, which a slow disturbance may be too, tells the two apart: what the bias leaves by not being the same along
+    the log stands beside neither.  A disturbance that weather leaves is neither, nor are gusts that overlap.
     """
     name = k.group.kind
+    if any(overlap(el.final.p, k, other) for other in el.kept if other is not k):
+        return f"what overlaps another {name} has a form that is no {name}'s"
     if m.air.weather and name != k.group.name and k.group.place == "environment":
         return f"what {m.air.weather} leaves of the disturbance is like a {name}: it is neither"
     if name != "gyro_bias":
         return ""
     bias = m.table.index("gyro_bias")
     drift = next(kind for kind in CANDIDATE_KINDS if kind.name == "attitude_walk")
-    drifting, p = with_shape(m, k.without, Found(drift, (), np.zeros(1), 0.0))
-    free = tuple(sorted({*el.final.free, bias, len(p) - 1}))
-    fit = gauss_newton(drifting, p, free, el.final.band | {bias}, 2)
-    costs, error = compare(m, left_out(drifting, fit), el.e_final, el.unit)
+    rests = [j for each in el.kept if is_rest(m, el, each, k) for j in each.group.numbers]
+    left = tuple(j for j in el.final.free if j not in rests)
+
+    def without_rests(p: np.ndarray) -> np.ndarray:
+        q = p.copy()
+        q[rests] = m.table.null[rests]
+        return q
+
+    own = left_out(m, gauss_newton(m, without_rests(el.final.p), left, el.final.band, 2)) if rests else el.e_final
+    drifting, p = with_shape(m, without_rests(k.without), Found(drift, (), np.zeros(1), 0.0))
+    fit = gauss_newton(drifting, p, tuple(sorted({*left, bias, len(p) - 1})), el.final.band | {bias}, 2)
+    costs, error = compare(m, left_out(drifting, fit), own, el.unit)
     return "an attitude reference that drifts explains as much as a gyro_bias: another reference would decide" \
         if costs < ALIKE_Z * error else ""
+
+
+def overlap(p: np.ndarray, one: Kept, other: Kept) -> bool:
+    """Whether two events of one kind with durations are there at one time; p: the model's numbers."""
+    if not one.group.is_event or one.group.kind != other.group.kind or len(one.group.numbers) < 3:
+        return False
+    (begin, lasts), (start, stays) = (p[list(each.group.numbers[1:])] for each in (one, other))
+    return bool(begin < start + stays and start < begin + lasts)
+
+
+def as_weather(m: Model, el: Elimination, k: Kept) -> tuple[str, ...]:
+    """Return the weather that nobody declared and that, of a level that is fitted, explains a log as well as a gust
+    does in its place: within what makes it a cause elsewhere.  Air that wanders has its gusts."""
+    if k.group.kind != "gust" or m.air.weather or m.air.is_windy:
+        return ()
+    least = log_likelihood(m, evaluate(m, el.final.p)) - WEATHER_NATS
+    free, out = tuple(j for j in el.final.free if j not in k.group.numbers), []
+    for name in WEATHER:
+        windy = m.in_weather(name)
+        fit = gauss_newton(windy, k.without, free, el.final.band, 2)
+        fitted = fit_levels(windy, fit.p, 4)
+        if log_likelihood(fitted, evaluate(fitted, fit.p)) > least:
+            out.append(name)
+    return tuple(out)
 
 
 def is_rest(m: Model, el: Elimination, k: Kept, largest: Kept) -> bool:

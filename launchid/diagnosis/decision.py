@@ -7,7 +7,7 @@ from sim.nominal import Nominal
 from ..controller.check import ControllerCheck
 from ..sums import square
 from .adapter import Reading
-from .adequacy import adequacy, is_rest, other_shape
+from .adequacy import adequacy, as_weather, is_rest, other_shape
 from .elimination import MOST, NAME_SHARE, Elimination, Kept
 from .gain import held_out
 from .model import Model
@@ -38,14 +38,14 @@ def decided(m: Model, reading: Reading, nominal: Nominal, el: Elimination) -> Re
     if m.air.weather and modes:
         words.append(f"what a {modes[0]} leaves is like {m.air.weather}: it is neither")
     beside = named_beside(m, el, controller, bool(m.air.weather) and not modes)
-    names = [*beside, *(each for k in listed for each in named_of(m, el, k))]
+    names = [*beside, *(each for k in listed for each in named_of(m, el, k, as_weather(m, el, k)))]
     doubts = [others.get(k.group.name) or f"{k.group.kind} explains {0.5 * k.gain:.0f} nats and is no known cause"
               for k in unlisted]
     where = unlisted[0].group.place if unlisted else None
     is_foreign = controller is not None and controller.is_foreign
     if controller is not None and is_foreign:
         doubts.insert(0, f"the command is not the nominal controller's: {controller.words}")
-        where = "controller"
+        where = where if where == "sensor" else "controller"   # of a law replayed from a wrong column
     against = [*doubts, *words, *inadequate]
 
     def result(verdict: str, where: str | None, **more: Any) -> Result:

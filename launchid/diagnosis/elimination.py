@@ -117,8 +117,9 @@ def groups_of(m: Model, notes: frozenset[int]) -> list[Group]:
            for j, each in enumerate(m.table.numbers) if each.name not in inside and j not in notes]
     for shape in m.shapes:
         kind, numbers = shape.kind, tuple(m.table.index(name) for name in shape.names)
+        chance = min(each.chance for each in m.shapes if each.kind is kind)   # of the first, others were unknown then
         out.append(Group(shape.names[0].partition(".")[0], kind.name, numbers, kind.linear, kind.cause, kind.place,
-                         is_event=kind.once, is_listed=bool(kind.cause), chance=shape.chance))
+                         is_event=kind.once, is_listed=bool(kind.cause), chance=chance))
     return out
 
 
@@ -354,15 +355,16 @@ class Search:
                     is_common = g.kind in RARE and other.kind not in RARE and not other.is_event and gi < ALIKE_Z * si
                     pays = not (other.is_event and not g.is_event)   # a time searched for saves something by itself
                     margin = pays * RIVAL_MARGIN * gain
-                    is_alike = gi < max(pays * ALIKE_Z * si, margin)
+                    z = TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z
+                    is_alike = gi < z * pays * si or gi < margin
                     is_common |= is_alike and ((other.is_listed and not g.is_listed) or (is_same and g.kind in RARE))
                     is_simpler = g.is_event and not other.is_event and other.kind not in RARE   # it needs no time
                     is_common |= is_alike and is_simpler and other.is_listed
-                    clearly = max(si, RIVAL_MARGIN * gain) if other.is_event and not g.is_event else si
+                    is_freer = (other.is_event and not g.is_event) or (g.is_listed and not other.is_listed)
+                    clearly = max(z * si, RIVAL_MARGIN * gain) if is_freer else si
                     if (gi < -clearly or is_common) and swap is None and other.kind not in SHAPES_OF_NUMBERS:
                         swap = (again, [each for each in live if each is not g] + [other], ei)
-                    z = TWIN_Z if self.related(g, other) > TWIN else ALIKE_Z
-                    if gi < z * pays * si or gi < margin:
+                    if is_alike:
                         alike.append(other.cause)
                 kept.append(Kept(g, gain, error, gain / removable, tuple(alike), rest.p, std))
             if swap is None or turn == 2:

@@ -112,11 +112,12 @@ def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None, 
     return found
 
 
-def named_of(m: Model, el: Elimination, k: Kept) -> list[Named]:
+def named_of(m: Model, el: Elimination, k: Kept, weather: tuple[str, ...] = ()) -> list[Named]:
     """Return a kept group as causes in the catalogue's words; a sine in the place of the angle is two terms; a servo
-    that is both later and slower is one cause: a scale that is as late as both, not told from a delay."""
+    that is both later and slower is one cause: a scale that is as late as both, not told from a delay.  weather: does
+    as well."""
     cause, values = k.group.cause, parameters_of(m, el, k)
-    alike = {*k.alike} - {""} | set(EQUAL_CAUSES.get(k.group.name, ()))
+    alike = {*k.alike, *weather} - {""} | set(EQUAL_CAUSES.get(k.group.name, ()))
     if {"delay", "bandwidth"} <= {each.group.name for each in el.kept}:
         if k.group.name == "delay":
             return []          # it is said with the bandwidth

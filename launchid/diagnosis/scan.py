@@ -13,7 +13,7 @@ import numpy as np
 from ..likelihood.estimate import Fit, Table, evaluate, gauss_newton, gram, inverse, refreshed, slopes
 from ..sums import along, combined
 from .candidates import CANDIDATE_KINDS, LINES, Kind, Shape, lines_in
-from .elimination import EVENT, MIN_SQUARES_SAVED, RIVAL_SHARE, TWIN_Z, Elimination, Kept
+from .elimination import EVENT, MIN_SQUARES_SAVED, RIVAL_MARGIN, RIVAL_SHARE, TWIN_Z, Elimination, Kept
 from .model import Model
 from .score import compare, left_out
 
@@ -152,7 +152,8 @@ def with_rivals(m: Model, el: Elimination) -> tuple[Model, np.ndarray]:
         without = Scanner(m, Fit(at.p, at.e, slopes(m, at, free), free, el.final.band, at.run))
         own = without.saved(slopes(m, at, k.group.numbers[:k.group.linear]).T)[1]
         for kind in CANDIDATE_KINDS:
-            if kind.place != k.group.place or kind.name in LINES or (kind.name in there and not kind.once):
+            is_line = kind.name in LINES and (k.group.is_listed or not kind.cause)
+            if kind.place != k.group.place or is_line or (kind.name in there and not kind.once):
                 continue
             found = without.best(kind)
             if found is not None and found.saves * found.chance > RIVAL_SHARE * own:
@@ -173,7 +174,7 @@ def in_place(m: Model, el: Elimination, k: Kept, found: Found) -> Found | None:
     own = range(len(k.without), len(p))
     fit = gauss_newton(wider, p, (*(j for j in el.final.free if j not in k.group.numbers), *own), el.final.band, 2)
     costs, error = compare(wider, left_out(wider, fit), el.e_final, el.unit)
-    most = max(TWIN_Z * error, MIN_SQUARES_SAVED)
+    most = max(TWIN_Z * error, MIN_SQUARES_SAVED, RIVAL_MARGIN * k.gain)
     if costs > (-most if not found.kind.cause else 0.0 if found.kind.once else most):
         return None
     sizes, values = np.split(fit.p[list(own)], [found.kind.linear])

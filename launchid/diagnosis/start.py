@@ -36,9 +36,15 @@ def everything(m: Model) -> tuple[Model, np.ndarray]:
         m, p = with_found(m, fit, fit.p, 2.0 * SQUARES_PROMISED)   # what promises less is sought later
         if len(p) == len(fit.p):
             break
-        fit = gauss_newton(m, p, all_of(m), frozenset(), 4)
-        m = fit_levels(m, fit.p, 2)
+        m, fit = with_levels(m, p)
     return without_weather(m, fit) if m.air.weather and m.shapes else (m, fit.p)
+
+
+def with_levels(m: Model, p: np.ndarray) -> tuple[Model, Fit]:
+    """Return the model with all numbers fitted from p, its noise levels fitted to what they leave, and the fit: what a
+    shape explains is noise no longer."""
+    fit = gauss_newton(m, p, all_of(m), frozenset(), 4)
+    return fit_levels(m, fit.p, 2), fit
 
 
 def all_of(m: Model) -> tuple[int, ...]:

@@ -10,7 +10,6 @@ import numpy as np
 from sim.flight import fly_whole
 from sim.nominal import Nominal
 
-from ..likelihood.estimate import fit_levels
 from ..log.log import Log, flown_log
 from ..log.vehicle import plant_faults
 from ..sums import square
@@ -21,7 +20,7 @@ from .gain import held_out
 from .model import Model, Stopped
 from .named import Result
 from .scan import with_rivals
-from .start import everything, with_found
+from .start import everything, with_found, with_levels
 from .stranger import judged
 from .track import Track
 
@@ -108,11 +107,12 @@ def flown(m: Model, p: np.ndarray, reading: Reading, nominal: Nominal) -> Result
     if any(k.group.name == "gyro_delay" for k in el.kept):
         timed = m.retime(float(el.final.p[m.table.index("gyro_delay")]))
         if timed is not m:
-            m = fit_levels(timed, el.full.p)
-            el = Search(m).run(el.full.p)
+            m, fit = with_levels(timed, el.full.p)
+            el = Search(m).run(fit.p)
     m, p = with_found(m, el.final, el.full.p)   # shapes that show once the numbers that are not needed are gone
     if len(p) > len(el.full.p):
-        el = Search(m).run(p)
+        m, fit = with_levels(m, p)
+        el = Search(m).run(fit.p)
     wider, p = with_rivals(m, el)
     if len(p) > len(el.full.p):
         rival = Search(wider).go_on(el, p)
