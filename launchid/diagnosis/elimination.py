@@ -179,8 +179,8 @@ class Search:
     def is_needed(self, group: Group, gain: float, error: float, removable: float) -> bool:
         """Whether a group, without which rows left out are worse by `gain` squares (+- error), has to stay; removable:
         what the full model saves over the nominal."""
-        if gain < self.m.log.unsure:
-            return False
+        if gain < self.m.log.unsure and not group.is_event and group.name not in KINEMATIC:
+            return False     # wrong commands part no columns; an event pays for what they feign by its chance
         if group.name == "inertia" and not self.m.log.is_commanded and gain < MOST * removable:
             return False     # rows of a measured input that moves between them feign a little of it
         if group.is_event:
