@@ -1,0 +1,75 @@
+"""A stranger's log is judged by hypotheses, each with its own noise: laws of the search, and what it tells of columns."""
+
+import importlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from launchid.diagnosis.adapter import read
+from launchid.diagnosis.answer import report
+from launchid.diagnosis.dissipation import same_energy
+from launchid.diagnosis.hypotheses import Hypotheses, won
+from launchid.diagnosis.model import Model
+from launchid.diagnosis.numbers import FORM, KINEMATIC
+from launchid.diagnosis.start import everything
+from launchid.diagnosis.stranger import errors_left
+from launchid.diagnosis.verdict import diagnose
+
+BENCHMARKS = Path(__file__).resolve().parents[3] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def strangers():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(BENCHMARKS))
+        return importlib.import_module("strangers")
+
+
+def searched(log, nominal):
+    m = Model.of(read(log, nominal).track)
+    notes = frozenset(m.table.index(x) for x in (*KINEMATIC, *FORM) if x in m.table)
+    return Hypotheses(*everything(m), notes)
+
+
+@pytest.fixture(scope="module")
+def found(strangers):
+    return searched(*strangers.made("drone", "k1", 9001))
+
+
+def test_more_freedom_is_never_less_likely(found):
+    """Each hypothesis is inside everything free, and holds the nominal: the search finds no worse optimum."""
+    assert all(one.value > found.nominal.value - 0.5 for one in found.alone.values())
+    assert all(one.value < found.full.value + 0.5 for one in found.alone.values())
+
+
+def test_what_one_hypothesis_wins_the_other_loses(found):
+    one = max(found.alone.values(), key=lambda each: each.value)
+    there, back = won(one, found.nominal), won(found.nominal, one)
+    assert there.nats == -back.nats > 0.0
+    assert np.isclose(np.sum(found.nominal.losses() - one.losses()), there.nats, atol=0.1 * there.nats + 2.0)
+    assert errors_left(one, one, []) == 1.0 and errors_left(one, found.nominal, []) < 1.0
+
+
+def test_the_noise_of_a_wrong_nominal_is_louder_than_that_of_the_right_number(found):
+    """What the number explains is no noise: else the nominal would hide it."""
+    k1 = next(one for group, one in found.alone.items() if group.name == "k1")
+    moves = found.nominal.m.levels - k1.m.levels
+    assert moves[found.nominal.m.noise.moves].sum() > 0.0
+
+
+@pytest.mark.parametrize("kind", ["drone", "bench"])
+def test_a_column_of_the_other_sign_is_said_and_no_cause_is_named(strangers, kind):
+    log, nominal = strangers.made(kind, "", 9015)
+    turned = replace(log, beta=-log.beta, beta_cmd=-log.beta_cmd)
+    answer = report(diagnose(turned, nominal))
+    assert answer["verdict"] == "bad-data" and not answer["causes"], answer["doubts"]
+    assert "sign" in [fault["kind"] for fault in answer["data"]["faults"]]
+
+
+@pytest.mark.parametrize(("wrong", "is_same"), [("", True), ("friction", False), ("own damping", False)])
+def test_damping_and_friction_are_judged_by_the_energy_that_they_take(strangers, wrong, is_same):
+    """The stand's nominal has the damping and friction that a regression gives: their energy is the body's, if not each
+    of them; with one of them wrong it is not."""
+    assert (same_energy(searched(*strangers.made("stand", wrong, 9062))) is not None) == is_same
