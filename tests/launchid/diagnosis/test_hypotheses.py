@@ -1,4 +1,4 @@
-"""A stranger's log is judged by hypotheses, each with its own noise: laws of the search, and what it tells of columns."""
+"""A stranger's log is judged by hypotheses, each with its own noise: laws of the search, and what a column shows."""
 
 import importlib
 from dataclasses import replace
