@@ -93,14 +93,14 @@ class Stranger:
         of, nominal = self.of.alone, self.of.nominal
         ahead = {g: self.gain(one).of_motion() for g, one in of.items() if is_needed(g, one, nominal)}
         left = {g: errors_left(of[g], nominal, [(a, b) for b, a, _ in rows]) for g, rows in ahead.items()}
-        predicting = sorted((g for g in left if left[g] < PREDICTS), key=lambda g: -of[g].value)
-        for first in predicting:
+        order = sorted(left, key=lambda g: -of[g].value)
+        for first in (g for g in order if left[g] < PREDICTS):
             share = (of[first].value - nominal.value) / max(self.of.full.value - nominal.value, 1e-9)
             all_left = errors_left(self.of.full, nominal, [(a, b) for b, _, a in ahead[first]])
             of_errors = math.log(left[first]) / math.log(min(all_left, left[first]))
             if not 0.5 * (share + of_errors) > MOST:
                 continue
-            same = [first, *(g for g in predicting if g is not first and g.cause and (
+            same = [first, *(g for g in order if g is not first and g.cause and left[g] < 1.0 and (
                 does_as_well(g, first, of, nominal) or left[g] < SAME_LEFT * left[first]))]
             usual = [g for g in same if g.kind not in RARE]
             best = usual[0] if first.kind in RARE and usual else first

@@ -241,11 +241,11 @@ def test_a_log_without_nozzle_and_command_needs_a_reference(tmp_path, capsys):
 @pytest.mark.parametrize("name", ["dircol", pytest.param("ddp", marks=LONG)])
 def test_a_real_pendulum_gets_its_sine(real_logs, name):
     """A nominal wrong on purpose, linear in theta and without friction: sin(theta) comes in the place of theta, and the
-    error on blocks left out falls."""
+    error on blocks left out falls, the nominal in the noise that makes it likeliest."""
     made = diagnose(read_log(real_logs / f"dfki_pendulum_{name}.csv"), load_nominal("pendulum_linear"))
     sines = [each.values["coefficient"] for each in (*made.named, *made.nearest)
              if each.values.get("term") == "sin(theta)"]
     assert len(sines) == 1 and -23.0 < sines[0] < -15.0
-    before, after = made.gain.nrmse(min(made.gain.squares))["theta_dot"]
-    assert after < 0.5 * before
-    assert made.gain.nats > 300.0
+    before, after = made.gain.nrmse(max(made.gain.squares))["theta_dot"]
+    assert after < 0.25 * before
+    assert made.gain.nats > 50.0
