@@ -106,11 +106,11 @@ class Hypotheses:
         """Fit them.  p: numbers of the fit with everything free;  notes: numbers that are free in all of them."""
         band = frozenset(j for g in groups_of(m, notes) if g.has_band for j in g.numbers)
         always = tuple(sorted(band | notes))
-        self.nominal = climbed(((each, m.table.null) for each in in_noises(m)), always, band)
+        self.nominal = climbed(((each, only(p, m, always)) for each in in_noises(m)), always, band)
         wider, p = with_found(self.nominal.m, self.nominal.fit, p)   # shapes that the nominal shows
         if len(p) > len(m.table):
             m = wider.with_levels(m.levels)
-            self.nominal = climbed([(wider, m.table.null)], always, band)
+            self.nominal = climbed([(wider, only(p, m, always))], always, band)
         self.groups = [g for g in groups_of(m, notes) if "@" not in g.name]   # those are each flight's own
         self.notes, self.all = notes, tuple(range(len(m.table)))
         self.full = climbed([(m, p)], self.all, frozenset())
@@ -120,7 +120,7 @@ class Hypotheses:
                 self.alone[g] = likeliest(*([self.alone[g]] if g in self.alone else []), self.single(g))
             best = likeliest(*self.alone.values())
             before, self.nominal = self.nominal, likeliest(
-                self.nominal, climbed([(best.m, m.table.null)], always, band))
+                self.nominal, climbed([(best.m, only(best.fit.p, m, always))], always, band))
             if self.nominal.value < before.value + FOUND:
                 break
         if self.full.value < best.value + CLIMBED:   # it stands in a worse minimum
@@ -156,6 +156,13 @@ class Hypotheses:
         late = latest(base, groups[0]) if groups[0].name == "delay" else p
         free, band = tuple(sorted({*base.fit.free, *numbers})), base.fit.band - {*numbers}
         return likeliest(*(climbed([each], free, band) for each in ((base.m, late), (self.full.m, p))))
+
+
+def only(p: np.ndarray, m: Model, free: tuple[int, ...]) -> np.ndarray:
+    """Return the nominal's numbers, the `free` ones from p."""
+    q = m.table.null.copy()
+    q[list(free)] = p[list(free)]
+    return q
 
 
 def latest(base: Hypothesis, group: Group) -> np.ndarray:

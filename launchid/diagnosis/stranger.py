@@ -107,6 +107,17 @@ class Stranger:
             return Best(best, of[best], share, left[best], tuple(g for g in same if g is not best))
         return None
 
+    def idle(self) -> str:
+        """Return in words what makes the log likelier where nothing stands, and predicts no better; "": nothing."""
+        of, nominal = self.of.alone, self.of.nominal
+        nats = max(self.of.full.value - nominal.value, 1e-9)
+        g = max((g for g in of if is_needed(g, of[g], nominal) and of[g].value - nominal.value > MOST * nats),
+                key=lambda g: of[g].value, default=None)
+        if self.best is not None or g is None:
+            return ""
+        gained = of[g].value - nominal.value
+        return f"{g.kind} would make the log {gained:.0f} nats likelier, and predicts hardly better (no cause)"
+
     def kept(self, best: Best) -> Kept:
         """Return what stands as an elimination keeps a group."""
         nats, error = won(best.one, self.of.nominal)
@@ -139,12 +150,15 @@ def does_as_well(other: Group, best: Group, beside: dict[Group, Hypothesis], bas
     return is_same or nats < max(z * error, RIVAL_MARGIN * (beside[best].value - base.value))
 
 
-def fault_of_input(found: Stranger, el: Elimination, log: Log) -> Fault | None:
-    """Return the fault of beta, in sign or unit, that a k1 shows that stands; None: it may be true."""
-    if found.best is None or found.best.group.name != "k1":
+def fault_of_input(found: Stranger, log: Log) -> Fault | None:
+    """Return the fault of beta, in sign or unit, that a k1 shows that stands or does as well; None: it may be true."""
+    best = found.best
+    k1 = None if best is None else next((g for g in (best.group, *best.alike) if g.name == "k1"), None)
+    if best is None or k1 is None:
         return None
-    k1 = found.best.group.numbers[0]
-    told = of_ratio(float(el.final.p[k1]), el.kept[0].std.get(k1, math.inf), 1.0 - found.best.left)
+    one = found.of.alone[k1]
+    std = deviations(one.m, one.fit, unit_of(one.fit))[k1.numbers[0]]
+    told = of_ratio(float(one.fit.p[k1.numbers[0]]), float(std), 1.0 - best.left)
     return None if told is None else Fault(told[0], told[1], float(log.t[0]), float(log.t[-1]), len(log.t), told[2])
 
 
@@ -164,13 +178,14 @@ def judged(m: Model, p: np.ndarray, reading: Reading, nominal: Nominal, own: fro
     """Diagnose a stranger's log, of which everything is fitted with numbers p; own: numbers that are free in all."""
     columns = (*KINEMATIC, *FORM) if m.log.is_blind else KINEMATIC
     notes = own | {m.table.index(name) for name in columns if name in m.table}
-    found, said = Stranger(m, p, notes), list[str]()
+    found = Stranger(m, p, notes)
+    said = [idle] if (idle := found.idle()) else []
     if found.best is not None and found.best.group.name in FAMILY and (both := same_energy(found.of)):
         said.append(f"{found.best.group.name} differs, the energy that damping and friction take together does not "
                     "(no cause)")
         found.best, found.final = None, both
     m, el = found.final.m, found.elimination()
-    if fault := fault_of_input(found, el, reading.log):
+    if fault := fault_of_input(found, reading.log):
         return Result(replace(reading, data=replace(reading.data, faults=(*reading.data.faults, fault)), is_bad=True),
                       nominal, None, None, "bad-data", "data")
     gain, controller = found.gain(found.final), reading.controller
