@@ -116,7 +116,7 @@ class Stranger:
         if self.best is not None or g is None:
             return ""
         gained = of[g].value - nominal.value
-        return f"{g.kind} would make the log {gained:.0f} nats likelier, and predicts hardly better (no cause)"
+        return f"{g.kind} would make the log {gained:.0f} nats likelier, and predicts hardly better"
 
     def kept(self, best: Best) -> Kept:
         """Return what stands as an elimination keeps a group."""
@@ -179,7 +179,7 @@ def judged(m: Model, p: np.ndarray, reading: Reading, nominal: Nominal, own: fro
     columns = (*KINEMATIC, *FORM) if m.log.is_blind else KINEMATIC
     notes = own | {m.table.index(name) for name in columns if name in m.table}
     found = Stranger(m, p, notes)
-    said = [idle] if (idle := found.idle()) else []
+    said, idle = list[str](), found.idle()
     if found.best is not None and found.best.group.name in FAMILY and (both := same_energy(found.of)):
         said.append(f"{found.best.group.name} differs, the energy that damping and friction take together does not "
                     "(no cause)")
@@ -195,6 +195,8 @@ def judged(m: Model, p: np.ndarray, reading: Reading, nominal: Nominal, own: fro
     left = errors_left(found.of.full, found.final, [(full, after) for _, after, full in gain.of_motion()])
     if left < ADEQUATE:
         words.append(f"everything free leaves {left:.2f} of the errors ahead")
+    if idle:
+        words.append(idle)
     beside = named_beside(m, el, controller, is_weather=False)
     names = (*beside, *(each for k in kept for each in named_of(m, el, k)))
     is_foreign = controller is not None and controller.is_foreign

@@ -59,6 +59,13 @@ def test_the_noise_of_a_wrong_nominal_is_louder_than_that_of_the_right_number(fo
     assert moves[found.nominal.m.noise.moves].sum() > 0.0
 
 
+def test_what_is_likelier_and_predicts_no_better_is_no_cause_and_not_consistent(strangers):
+    """A robot's input is 15 ms late, in a loop that hides it: the log shows it, and nothing is the better for it."""
+    answer = report(diagnose(*strangers.made("robot", "late", 9532)))
+    assert answer["verdict"] == "unexplained" and not answer["causes"]
+    assert any("delay" in words for words in answer["doubts"])
+
+
 @pytest.mark.parametrize("kind", ["drone", "bench"])
 def test_a_column_of_the_other_sign_is_said_and_no_cause_is_named(strangers, kind):
     log, nominal = strangers.made(kind, "", 9015)
