@@ -12,7 +12,8 @@ The stand has damping, friction and a drag of the second order; its nominal the 
 regression gives for all three; its disturbance is up to twice as loud, its input may be small.
 The nominal is right but for one thing, or right: its delay is all of the body's lateness, without its form.
 right: the thing, or its look-alike, is named and nothing else, or a right nominal is consistent; wrong: anything else
-is named, or a wrong nominal is consistent; refused: neither. Seeds are split: one half to tune on, one held out.
+is named, or a wrong nominal is consistent; refused: neither. Both halves of the seeds were looked at;
+--first gives bodies that nobody has seen.
 --rough: besides, what every log has that others measured, and no nominal says: an input that is curved by a fifth and
 loses a tenth along the log, a gyro that is late and 2 % off, quantised columns, a slow moment, stamps that jitter.
 """

@@ -72,7 +72,6 @@ class Named:
         return {name: std for name, (_, std) in self.parameters.items()}
 
 
-
 def noted(m: Model, el: Elimination) -> list[str]:
     """Return notes on the columns, from numbers that are no causes (gyro bias, scale, delay) and are not nominal."""
     out = []
@@ -89,7 +88,6 @@ def noted(m: Model, el: Elimination) -> list[str]:
         if not m.log.is_flown and m.log.has[name] and loud > LOUD_LEVEL:
             out.append(f"columns: noise of {name} is {loud:.1f} times the declared (no cause)")
     return out
-
 
 
 def named_beside(m: Model, el: Elimination, controller: ControllerCheck | None, is_weather: bool) -> list[Named]:

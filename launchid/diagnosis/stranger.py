@@ -3,7 +3,7 @@
 A cause is named if its hypothesis makes the log clearly likelier than the nominal does, explains most of what
 everything free explains, and predicts better than the nominal.  What is left beside it is said, and not named: small
 motions that no model has make small numbers significant.  A nominal is consistent if everything free predicts no
-better.
+better, no cause alone makes the log clearly likelier, and k1 is tested.
 """
 
 import math

@@ -27,7 +27,6 @@ from .track import Track
 MOST_GROWTH = 16.0     # nats in a row: ten million times, beyond which the filter sets a motion back to the log
 
 
-
 def diagnose(log: Log, nominal: Nominal, holdout: Log | None = None, bootstrap: int = 0,
              say: Callable[[str], None] = lambda text: None, noise: str = "bounded") -> Result:
     """Diagnose why measurement and simulation part.

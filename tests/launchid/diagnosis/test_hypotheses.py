@@ -1,8 +1,6 @@
 """A stranger's log is judged by hypotheses, each with its own noise: laws of the search, and what a column shows."""
 
-import importlib
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,15 +14,6 @@ from launchid.diagnosis.numbers import FORM, KINEMATIC
 from launchid.diagnosis.start import everything
 from launchid.diagnosis.stranger import errors_left
 from launchid.diagnosis.verdict import diagnose
-
-BENCHMARKS = Path(__file__).resolve().parents[3] / "benchmarks"
-
-
-@pytest.fixture(scope="module")
-def strangers():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        return importlib.import_module("strangers")
 
 
 def searched(log, nominal):

@@ -3,7 +3,6 @@
 More of them: `python benchmarks/strangers.py`.
 """
 
-import importlib
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +16,6 @@ from launchid.likelihood.estimate import evaluate
 from launchid.log.log import log_of_values
 from sim.nominal.reader import nominal_of
 from sim.nominal.table import Table
-
-BENCHMARKS = Path(__file__).resolve().parents[3] / "benchmarks"
-
-
-@pytest.fixture(scope="module")
-def strangers():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(BENCHMARKS))
-        return importlib.import_module("strangers")
 
 
 @pytest.mark.parametrize(("kind", "wrong", "seed"), [
