@@ -193,8 +193,9 @@ def lines(result: Result) -> list[str]:
     said = [headline(result)] + [f"  {fault.message}" for fault in result.reading.data.faults]
     if result.reading.used is not None:
         said.append(f"  {result.reading.used.words}")
+    how = "likelier" if result.model is not None and not result.model.log.is_flown else "on blocks left out"
     for each in result.named:
-        said.append(f"  {each.cause}: {sizes(each)} ({each.nats:.0f} nats on blocks left out)")
+        said.append(f"  {each.cause}: {sizes(each)} ({each.nats:.0f} nats {how})")
         if each.alike:
             decides = would_decide(each)
             said.append(f"    this log cannot distinguish it from {', '.join(each.alike)}"

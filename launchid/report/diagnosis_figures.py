@@ -89,7 +89,8 @@ def innovations(result: Result) -> Figure | None:
 
 
 def worth(result: Result) -> Figure | None:
-    """Return a figure of the nats that each cause kept saves on blocks left out; None if none was kept."""
+    """Return a figure of the nats that each cause kept saves on blocks left out, or by which a stranger's log is
+    likelier with it; None if none was kept."""
     el, m = result.elimination, result.model
     if el is None or m is None or not el.kept:
         return None
@@ -99,7 +100,8 @@ def worth(result: Result) -> Figure | None:
     axis.barh(range(len(names)), [0.5 * each.gain for each in el.kept], xerr=[0.5 * each.error for each in el.kept],
               color="#12355b", height=0.6)
     axis.set_yticks(range(len(names)), names)
-    axis.set_xlabel("saved on blocks left out [nats], with one standard error")
+    how = "saved on blocks left out" if m.log.is_flown else "likelier with it, over blocks"
+    axis.set_xlabel(f"{how} [nats], with one standard error")
     axis.grid(True, axis="x", color="0.85", linewidth=0.6)
     return figure
 
